@@ -1,0 +1,8 @@
+//! Bakes light transport: **plan, run, seal, check**. Opens no window and never prints; progress goes through a trait.
+
+pub mod block_product;
+pub mod engine;
+pub mod plan;
+pub mod refine;
+pub mod scene;
+pub mod trace;

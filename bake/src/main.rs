@@ -1,0 +1,5 @@
+//! The `prelight` command.
+
+fn main() {
+    eprintln!("prelight");
+}

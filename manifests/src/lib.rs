@@ -1,0 +1,23 @@
+//! The contract between a person, a bake and an app.
+//!
+//! - [`scene`]: `scene.toml`, written by a person; strict, with errors that name line, column and the nearest known key.
+//! - [`asset`]: the sealed bake, JSON; `content` is hashed, `report` never.
+//! - [`descriptor`], [`digest`]: the only ways to name a chunk.
+//! - [`technique`], [`version`]: closed lists that a build knows.
+//!
+//! This crate touches no file and computes no hash.
+
+pub mod asset;
+pub mod descriptor;
+pub mod digest;
+pub mod error;
+pub mod scene;
+pub mod technique;
+pub mod version;
+
+pub use asset::AssetManifest;
+pub use descriptor::{ChunkKind, Descriptor, Dtype};
+pub use digest::Digest;
+pub use error::ManifestError;
+pub use scene::SceneManifest;
+pub use technique::Technique;

@@ -1,0 +1,5 @@
+//! `scene.toml` (in progress).
+
+/// A scene manifest.
+#[derive(Clone, Debug, Default)]
+pub struct SceneManifest {}

@@ -1,0 +1,84 @@
+//! One way to lay arrays out in a chunk: a 64-byte header, then arrays that each start at a multiple of 64.
+//!
+//! ```text
+//! 0   magic [u8; 4]   version u32   counts [u32; 6]   zeros to 64
+//! 64  array 0, zeros to the next multiple of 64, array 1, ...
+//! ```
+
+use crate::error::RuntimeError;
+use bytemuck::{Pod, cast_slice, try_cast_slice};
+
+/// Alignment of every array.
+pub const ALIGNMENT: usize = 64;
+
+/// Builds a chunk.
+pub struct Writer {
+    bytes: Vec<u8>,
+}
+
+impl Writer {
+    /// Starts with the header.
+    pub fn new(magic: &[u8; 4], version: u32, counts: [u32; 6]) -> Self {
+        let mut bytes = Vec::new();
+        bytes.extend_from_slice(magic);
+        bytes.extend_from_slice(&version.to_le_bytes());
+        counts.iter().for_each(|count| bytes.extend_from_slice(&count.to_le_bytes()));
+        bytes.resize(ALIGNMENT, 0);
+        Writer { bytes }
+    }
+
+    /// Appends an array and pads with zeros.
+    pub fn array<T: Pod>(mut self, values: &[T]) -> Self {
+        self.bytes.extend_from_slice(cast_slice(values));
+        self.bytes.resize(self.bytes.len().next_multiple_of(ALIGNMENT), 0);
+        self
+    }
+
+    /// The chunk's plain bytes.
+    pub fn finish(self) -> Vec<u8> {
+        self.bytes
+    }
+}
+
+/// Takes a chunk apart without copying. The bytes must be aligned for the element types (the store aligns to 64).
+pub struct Reader<'a> {
+    kind: &'static str,
+    bytes: &'a [u8],
+    at: usize,
+    /// The header's counts.
+    pub counts: [u32; 6],
+}
+
+impl<'a> Reader<'a> {
+    /// Checks magic and version.
+    pub fn new(kind: &'static str, magic: &[u8; 4], version: u32, bytes: &'a [u8]) -> Result<Self, RuntimeError> {
+        let error = |what: String| RuntimeError::Chunk { kind, digest: String::new(), what };
+        if bytes.len() < ALIGNMENT || &bytes[..4] != magic {
+            return Err(error(format!("not a {kind} chunk")));
+        }
+        let word = |i: usize| u32::from_le_bytes([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]]);
+        if word(1) != version {
+            return Err(error(format!("version {}, this build reads {version}", word(1))));
+        }
+        Ok(Reader { kind, bytes, at: ALIGNMENT, counts: std::array::from_fn(|i| word(2 + i)) })
+    }
+
+    /// The next array, `count` elements.
+    pub fn array<T: Pod>(&mut self, count: usize) -> Result<&'a [T], RuntimeError> {
+        let size = count.checked_mul(size_of::<T>()).filter(|size| *size <= self.bytes.len() - self.at);
+        let size = size.ok_or_else(|| self.error("shorter than its counts say"))?;
+        let slice = &self.bytes[self.at..self.at + size];
+        self.at = (self.at + size).next_multiple_of(ALIGNMENT).min(self.bytes.len());
+        try_cast_slice(slice).map_err(|_| self.error("bytes are not aligned for their type"))
+    }
+
+    /// An error about this chunk.
+    pub fn error(&self, what: &str) -> RuntimeError {
+        RuntimeError::Chunk { kind: self.kind, digest: String::new(), what: what.to_string() }
+    }
+
+    /// Checks that nothing is left over.
+    pub fn finish(self) -> Result<(), RuntimeError> {
+        if self.at == self.bytes.len() { Ok(()) } else { Err(self.error("longer than its counts say")) }
+    }
+}

@@ -1,0 +1,8 @@
+//! A sealed bake, opened: its chunks parsed once, then only read.
+//!
+//! [`points`], [`surface`] and [`mesh`] are the layouts of the chunks that every technique shares.
+
+pub mod layout;
+pub mod mesh;
+pub mod points;
+pub mod surface;

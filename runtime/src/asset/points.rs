@@ -1,0 +1,80 @@
+//! Points chunk of a patch: where its points are and how they are oriented.
+//!
+//! Counts: `n` points (1..=256). Arrays: position `[n, 3]` f32 metres; normal `[n, 3]` f32 unit, the shading normal n_s that
+//! bounds the hemisphere; geometric_normal `[n, 3]` f32 unit; area `[n]` f32 m², the surface that the point stands for;
+//! flags `[n]` u32, see [`BACK_SIDE`] and [`BURIED`].
+
+use super::layout::{Reader, Writer};
+use crate::error::RuntimeError;
+
+const MAGIC: &[u8; 4] = b"PLPT";
+const VERSION: u32 = 1;
+
+/// Most points in a patch.
+pub const PATCH_POINTS: usize = 256;
+/// Flag: the point shades the back of a double-sided surface; its normals are already flipped.
+pub const BACK_SIDE: u32 = 1;
+/// Flag: the point lies inside another solid or on a coincident surface and must not be interpolated from.
+pub const BURIED: u32 = 2;
+
+/// The arrays of one patch, borrowed from its chunk. Each has n elements.
+#[derive(Clone, Copy, Debug)]
+pub struct Points<'a> {
+    /// World position, metres.
+    pub position: &'a [[f32; 3]],
+    /// Shading normal, unit, on the point's side.
+    pub normal: &'a [[f32; 3]],
+    /// Geometric normal, unit, on the point's side.
+    pub geometric_normal: &'a [[f32; 3]],
+    /// Surface area that the point stands for, m².
+    pub area: &'a [f32],
+    /// [`BACK_SIDE`] | [`BURIED`].
+    pub flags: &'a [u32],
+}
+
+impl<'a> Points<'a> {
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.position.len()
+    }
+
+    /// Never true for a parsed chunk.
+    pub fn is_empty(&self) -> bool {
+        self.position.is_empty()
+    }
+
+    /// The chunk's bytes.
+    pub fn to_chunk(&self) -> Vec<u8> {
+        let n = self.position.len();
+        assert!((1..=PATCH_POINTS).contains(&n), "a patch has 1..=256 points, not {n}");
+        Writer::new(MAGIC, VERSION, [n as u32, 0, 0, 0, 0, 0])
+            .array(self.position)
+            .array(self.normal)
+            .array(self.geometric_normal)
+            .array(self.area)
+            .array(self.flags)
+            .finish()
+    }
+
+    /// Borrows from a chunk.
+    pub fn from_chunk(bytes: &'a [u8]) -> Result<Self, RuntimeError> {
+        let mut reader = Reader::new("points", MAGIC, VERSION, bytes)?;
+        let n = reader.counts[0] as usize;
+        if !(1..=PATCH_POINTS).contains(&n) {
+            return Err(reader.error("a patch has 1..=256 points"));
+        }
+        let points = Points {
+            position: reader.array(n)?,
+            normal: reader.array(n)?,
+            geometric_normal: reader.array(n)?,
+            area: reader.array(n)?,
+            flags: reader.array(n)?,
+        };
+        let finite = |v: &[[f32; 3]]| v.iter().flatten().all(|x| x.is_finite());
+        if !finite(points.position) || !finite(points.normal) || !finite(points.geometric_normal) {
+            return Err(reader.error("a position or normal is not finite"));
+        }
+        reader.finish()?;
+        Ok(points)
+    }
+}

@@ -1,0 +1,59 @@
+//! What can go wrong at run time, one variant per thing that a user can act on.
+
+/// Why an asset, a chunk or an image cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RuntimeError {
+    /// A chunk whose bytes hash right but do not parse: made by another version, or a bug.
+    #[error("{kind} chunk {digest}: {what}\n  help: bake again with this version of prelight")]
+    Chunk {
+        /// Kind of chunk.
+        kind: &'static str,
+        /// Digest, shortened.
+        digest: String,
+        /// What does not hold.
+        what: String,
+    },
+    /// The store could not give a chunk.
+    #[error(transparent)]
+    Store(#[from] prelight_store::StoreError),
+    /// The asset manifest is not usable.
+    #[error(transparent)]
+    Manifest(#[from] prelight_manifests::ManifestError),
+    /// An environment image that cannot be read.
+    #[error("{file}: {what}\n  help: {help}")]
+    Environment {
+        /// Name given by the caller.
+        file: String,
+        /// What is wrong.
+        what: String,
+        /// What to do.
+        help: String,
+    },
+    /// Bytes that would be needed exceed the limit given.
+    #[error("{what} needs {needed} bytes, the limit is {limit}\n  help: raise --memory or make it smaller")]
+    Memory {
+        /// What was to be allocated.
+        what: String,
+        /// Bytes it would take.
+        needed: u64,
+        /// Bytes allowed.
+        limit: u64,
+    },
+    /// A file could not be read or written.
+    #[error("{path}: {source}")]
+    Io {
+        /// Path as given.
+        path: String,
+        /// The system's words.
+        source: std::io::Error,
+    },
+    /// An image file (PNG, EXR) could not be encoded or decoded.
+    #[error("{file}: {what}")]
+    Image {
+        /// Name given by the caller.
+        file: String,
+        /// What is wrong.
+        what: String,
+    },
+}

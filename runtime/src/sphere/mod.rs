@@ -1,0 +1,4 @@
+//! Conventions of direction space that bake and runtime share, one per file.
+
+pub mod cubemap;
+pub mod frame;
