@@ -2,7 +2,12 @@
 
 pub mod block_product;
 pub mod engine;
+pub mod error;
 pub mod plan;
+pub mod progress;
 pub mod refine;
 pub mod scene;
 pub mod trace;
+
+pub use error::BakeError;
+pub use progress::Progress;

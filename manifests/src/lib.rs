@@ -3,7 +3,8 @@
 //! - [`scene`]: `scene.toml`, written by a person; strict, with errors that name line, column and the nearest known key.
 //! - [`asset`]: the sealed bake, JSON; `content` is hashed, `report` never.
 //! - [`descriptor`], [`digest`]: the only ways to name a chunk.
-//! - [`technique`], [`version`]: closed lists that a build knows.
+//! - [`technique`], [`quality`], [`version`]: closed lists that a build knows.
+//! - [`size`]: byte counts as people write them.
 //!
 //! This crate touches no file and computes no hash.
 
@@ -11,7 +12,9 @@ pub mod asset;
 pub mod descriptor;
 pub mod digest;
 pub mod error;
+pub mod quality;
 pub mod scene;
+pub mod size;
 pub mod technique;
 pub mod version;
 
@@ -19,5 +22,7 @@ pub use asset::AssetManifest;
 pub use descriptor::{ChunkKind, Descriptor, Dtype};
 pub use digest::Digest;
 pub use error::ManifestError;
+pub use quality::Quality;
 pub use scene::SceneManifest;
+pub use size::ByteSize;
 pub use technique::Technique;

@@ -1,0 +1,102 @@
+//! Arguments that several verbs share, and how their values are read.
+
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use prelight_manifests::Quality;
+use std::path::PathBuf;
+
+/// The scene to work on.
+#[derive(Args, Clone, Debug)]
+pub struct SceneArgs {
+    /// A scene.toml, or a glTF file (.glb, .gltf)
+    #[arg(value_name = "SCENE", default_value = "scene.toml")]
+    pub scene: PathBuf,
+}
+
+/// Knobs of a bake that win over the scene manifest.
+#[derive(Args, Clone, Debug, Default)]
+pub struct BakeKnobs {
+    /// Preset of all knobs: draft, medium or high
+    #[arg(long, value_name = "Q", value_parser = quality_parser())]
+    pub quality: Option<Quality>,
+    /// Budget of points, turned into an edge length once
+    #[arg(long, value_name = "N", conflicts_with = "edge_length", value_parser = clap::value_parser!(u64).range(16..))]
+    pub points: Option<u64>,
+    /// Longest edge of the refined mesh, metres
+    #[arg(long, value_name = "M", value_parser = positive)]
+    pub edge_length: Option<f32>,
+}
+
+/// Where to look from, and how large the image is.
+#[derive(Args, Clone, Debug)]
+pub struct ViewArgs {
+    /// Width and height in pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
+    pub size: (u32, u32),
+    /// A camera of the scene, by name
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["eye", "look_at"])]
+    pub camera: Option<String>,
+    /// Position of the camera, metres
+    #[arg(long, value_name = "X,Y,Z", requires = "look_at", value_parser = vec3, allow_hyphen_values = true)]
+    pub eye: Option<[f32; 3]>,
+    /// A point that the camera looks at
+    #[arg(long, value_name = "X,Y,Z", requires = "eye", value_parser = vec3, allow_hyphen_values = true)]
+    pub look_at: Option<[f32; 3]>,
+    /// Vertical field of view, degrees
+    #[arg(long, value_name = "DEG", value_parser = field_of_view)]
+    pub fov: Option<f32>,
+}
+
+fn quality_parser() -> impl TypedValueParser<Value = Quality> {
+    PossibleValuesParser::new(Quality::NAMES).map(|name| name.parse().unwrap_or_default())
+}
+
+/// `x,y,z`, finite.
+pub fn vec3(text: &str) -> Result<[f32; 3], String> {
+    let parts: Vec<&str> = text.split(',').collect();
+    let [x, y, z] = parts[..] else { return Err("expected three numbers, as in 1,1.5,-2".into()) };
+    Ok([finite(x)?, finite(y)?, finite(z)?])
+}
+
+/// `1280x720`, each in 1..=16384.
+pub fn size(text: &str) -> Result<(u32, u32), String> {
+    let expected = || "expected width and height in 1..=16384, as in 1280x720".to_string();
+    let (width, height) = text.split_once(['x', 'X']).ok_or_else(expected)?;
+    let side = |text: &str| text.parse::<u32>().ok().filter(|side| (1..=16384).contains(side)).ok_or_else(expected);
+    Ok((side(width)?, side(height)?))
+}
+
+/// A finite number.
+pub fn finite(text: &str) -> Result<f32, String> {
+    let number: f32 = text.trim().parse().map_err(|_| format!("`{text}` is not a number"))?;
+    if number.is_finite() { Ok(number) } else { Err(format!("`{text}` is not a finite number")) }
+}
+
+/// A finite number above zero.
+pub fn positive(text: &str) -> Result<f32, String> {
+    finite(text).and_then(|number| if number > 0.0 { Ok(number) } else { Err("expected a number above 0".into()) })
+}
+
+fn field_of_view(text: &str) -> Result<f32, String> {
+    finite(text).and_then(|deg| if (1.0..=179.0).contains(&deg) { Ok(deg) } else { Err("expected 1..=179 degrees".into()) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_read_or_refused() {
+        assert_eq!(vec3("1, -2.5,3e-1"), Ok([1.0, -2.5, 0.3]));
+        assert_eq!(size("1280x720"), Ok((1280, 720)));
+        for bad in ["", "1,2", "1,2,3,4", "1,2,x", "1,inf,2", "nan,0,0"] {
+            assert!(vec3(bad).is_err(), "{bad}");
+        }
+        for bad in ["", "1280", "0x720", "1280x", "-1x5", "99999x10", "1x2x3"] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+        for bad in ["0", "-1", "inf", "NaN", "five"] {
+            assert!(positive(bad).is_err(), "{bad}");
+        }
+    }
+}

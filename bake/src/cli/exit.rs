@@ -1,0 +1,177 @@
+//! Exit codes, and which error has which.
+
+use prelight_bake::BakeError;
+use prelight_manifests::ManifestError;
+use prelight_runtime::error::RuntimeError;
+use prelight_store::StoreError;
+
+/// How the command ends. Anything that is not listed here is a failure too.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum ExitCode {
+    /// All done.
+    Done = 0,
+    /// Failed for a reason without a code of its own.
+    Failed = 1,
+    /// The command line is wrong.
+    Usage = 2,
+    /// Bad or unsupported input.
+    Input = 3,
+    /// `check`, `diff` or `verify` found something.
+    Found = 4,
+    /// Baked in part.
+    Partly = 5,
+    /// A chunk is corrupt.
+    Corrupt = 6,
+    /// Over the memory or disk limit, or the disk is full.
+    Limit = 7,
+    /// There is no store.
+    NoStore = 10,
+    /// The store is locked.
+    Locked = 11,
+    /// Ctrl-C; a rerun resumes.
+    Interrupted = 130,
+}
+
+/// A verb that did not do what was asked.
+#[derive(Debug)]
+pub struct Failure {
+    /// How the command ends.
+    pub code: ExitCode,
+    /// What to say.
+    pub error: anyhow::Error,
+}
+
+impl Failure {
+    /// A failure with a code chosen by the caller.
+    pub fn new(code: ExitCode, error: impl Into<anyhow::Error>) -> Self {
+        Failure { code, error: error.into() }
+    }
+
+    /// A failure in words; a line `  help: …` in it is printed as help.
+    pub fn text(code: ExitCode, text: impl Into<String>) -> Self {
+        Failure { code, error: anyhow::Error::msg(text.into()) }
+    }
+
+    /// What went wrong, on one line or few, and the help lines, in order.
+    ///
+    /// Causes that the message before already quotes are not repeated.
+    pub fn words(&self) -> (String, Vec<String>) {
+        let (mut message, mut help) = (String::new(), Vec::new());
+        for cause in self.error.chain() {
+            let text = cause.to_string();
+            let mut parts = text.split("\n  help: ");
+            let head = parts.next().unwrap_or_default().trim();
+            for line in parts.map(str::trim) {
+                if !help.iter().any(|known| known == line) {
+                    help.push(line.to_string());
+                }
+            }
+            if message.is_empty() {
+                message = head.to_string();
+            } else if !message.contains(head) {
+                message = format!("{message}: {head}");
+            }
+        }
+        (message, help)
+    }
+}
+
+impl<E: Into<anyhow::Error>> From<E> for Failure {
+    fn from(error: E) -> Self {
+        let error = error.into();
+        Failure { code: code_of(&error), error }
+    }
+}
+
+/// The first typed error of the chain decides.
+fn code_of(error: &anyhow::Error) -> ExitCode {
+    error.chain().find_map(code_of_cause).unwrap_or(ExitCode::Failed)
+}
+
+fn code_of_cause(cause: &(dyn std::error::Error + 'static)) -> Option<ExitCode> {
+    if let Some(error) = cause.downcast_ref::<BakeError>() {
+        return Some(match error {
+            BakeError::Manifest(_) | BakeError::Input { .. } | BakeError::Unsupported { .. } => ExitCode::Input,
+            BakeError::Runtime(error) => of_runtime(error),
+            BakeError::Store(error) => of_store(error),
+            BakeError::Output { source, .. } => of_io(source),
+            BakeError::Memory { .. } => ExitCode::Limit,
+            BakeError::Cancelled => ExitCode::Interrupted,
+            _ => ExitCode::Failed,
+        });
+    }
+    if let Some(error) = cause.downcast_ref::<RuntimeError>() {
+        return Some(of_runtime(error));
+    }
+    if let Some(error) = cause.downcast_ref::<StoreError>() {
+        return Some(of_store(error));
+    }
+    if cause.is::<ManifestError>() {
+        return Some(ExitCode::Input);
+    }
+    cause.downcast_ref::<std::io::Error>().map(of_io)
+}
+
+fn of_runtime(error: &RuntimeError) -> ExitCode {
+    match error {
+        RuntimeError::Chunk { .. } => ExitCode::Corrupt,
+        RuntimeError::Store(error) => of_store(error),
+        RuntimeError::Manifest(_) | RuntimeError::Environment { .. } | RuntimeError::Image { .. } => ExitCode::Input,
+        RuntimeError::Memory { .. } => ExitCode::Limit,
+        RuntimeError::Io { source, .. } => of_io(source),
+        _ => ExitCode::Failed,
+    }
+}
+
+fn of_store(_: &StoreError) -> ExitCode {
+    ExitCode::Failed
+}
+
+/// Missing files are bad input, full disks are a limit.
+pub fn of_io(error: &std::io::Error) -> ExitCode {
+    use std::io::ErrorKind::*;
+    match error.kind() {
+        StorageFull | QuotaExceeded | FileTooLarge => ExitCode::Limit,
+        NotFound | IsADirectory | InvalidData | UnexpectedEof => ExitCode::Input,
+        _ => ExitCode::Failed,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_follow_the_table() {
+        let io = |kind: std::io::ErrorKind| std::io::Error::from(kind);
+        let cases: [(Failure, ExitCode); 8] = [
+            (BakeError::Cancelled.into(), ExitCode::Interrupted),
+            (BakeError::Memory { what: "points".into(), needed: 2, limit: 1 }.into(), ExitCode::Limit),
+            (BakeError::Output { path: "a".into(), source: io(std::io::ErrorKind::StorageFull) }.into(), ExitCode::Limit),
+            (RuntimeError::Memory { what: "image".into(), needed: 2, limit: 1 }.into(), ExitCode::Limit),
+            (RuntimeError::Environment { file: "a".into(), what: "b".into(), help: "c".into() }.into(), ExitCode::Input),
+            (RuntimeError::Chunk { kind: "points", digest: "0".into(), what: "b".into() }.into(), ExitCode::Corrupt),
+            (io(std::io::ErrorKind::NotFound).into(), ExitCode::Input),
+            (anyhow::anyhow!("anything else").into(), ExitCode::Failed),
+        ];
+        for (failure, code) in cases {
+            assert_eq!(failure.code, code, "{:?}", failure.error);
+        }
+        let wrapped: Failure = anyhow::Error::new(BakeError::Cancelled).context("baking room.glb").into();
+        assert_eq!(wrapped.code, ExitCode::Interrupted, "context must not hide the cause");
+    }
+
+    #[test]
+    fn words_join_the_chain_once_and_collect_help() {
+        let source = std::io::Error::other("permission denied");
+        let error = anyhow::Error::new(BakeError::Input { path: "room.glb".into(), source }).context("checking");
+        let (message, help) = Failure::from(error).words();
+        assert_eq!(message, "checking: cannot read room.glb: permission denied");
+        assert!(help.is_empty());
+        let (message, help) = Failure::from(BakeError::Cancelled).words();
+        assert_eq!(message, "interrupted");
+        assert_eq!(help.len(), 1);
+        assert!(help[0].starts_with("run the same command again"), "{help:?}");
+    }
+}

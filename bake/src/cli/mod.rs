@@ -1,0 +1,275 @@
+//! The command line: one file per verb, each with its arguments and `run(args, &Context) -> Result<Summary, Failure>`.
+//!
+//! Results go to stdout, talk to stderr. With `--json` stdout carries one event a line, the last is the summary, also on failure.
+
+mod args;
+mod bake;
+mod check;
+mod completions;
+mod context;
+mod demo;
+mod diff;
+mod exit;
+mod init;
+mod inspect;
+mod interrupt;
+mod output;
+mod plan;
+mod render;
+mod reporter;
+mod schema;
+mod style;
+mod summary;
+
+pub use context::Context;
+pub use exit::{ExitCode, Failure};
+pub use summary::Summary;
+
+use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
+use context::{GlobalArgs, ProgressLook};
+use output::{Stdout, talk};
+use prelight_manifests::version;
+use reporter::{Look, Reporter};
+use std::ffi::OsString;
+use std::io::IsTerminal;
+use std::sync::Arc;
+
+/// Bake light transport once, relight in real time
+#[derive(Parser, Debug)]
+#[command(
+    name = "prelight",
+    version,
+    arg_required_else_help = true,
+    subcommand_required = true,
+    disable_help_subcommand = true,
+    max_term_width = 110
+)]
+struct Cli {
+    #[command(flatten)]
+    global: GlobalArgs,
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand, Debug)]
+enum Verb {
+    Demo(demo::DemoArgs),
+    Init(init::InitArgs),
+    Check(check::CheckArgs),
+    Plan(plan::PlanArgs),
+    Bake(bake::BakeArgs),
+    Render(render::RenderArgs),
+    Inspect(inspect::InspectArgs),
+    Diff(diff::DiffArgs),
+    Schema(schema::SchemaArgs),
+    Completions(completions::CompletionsArgs),
+}
+
+impl Verb {
+    fn name(&self) -> &'static str {
+        match self {
+            Verb::Demo(_) => "demo",
+            Verb::Init(_) => "init",
+            Verb::Check(_) => "check",
+            Verb::Plan(_) => "plan",
+            Verb::Bake(_) => "bake",
+            Verb::Render(_) => "render",
+            Verb::Inspect(_) => "inspect",
+            Verb::Diff(_) => "diff",
+            Verb::Schema(_) => "schema",
+            Verb::Completions(_) => "completions",
+        }
+    }
+
+    fn run(self, context: &Context) -> Result<Summary, Failure> {
+        match self {
+            Verb::Demo(args) => demo::run(args, context),
+            Verb::Init(args) => init::run(args, context),
+            Verb::Check(args) => check::run(args, context),
+            Verb::Plan(args) => plan::run(args, context),
+            Verb::Bake(args) => bake::run(args, context),
+            Verb::Render(args) => render::run(args, context),
+            Verb::Inspect(args) => inspect::run(args, context),
+            Verb::Diff(args) => diff::run(args, context),
+            Verb::Schema(args) => schema::run(args, context),
+            Verb::Completions(args) => completions::run(args, context),
+        }
+    }
+}
+
+/// Parses the process's arguments, runs the verb, prints, and says how to end.
+pub fn main() -> std::process::ExitCode {
+    let arguments: Vec<OsString> = std::env::args_os().collect();
+    std::process::ExitCode::from(run(&arguments) as u8)
+}
+
+fn run(arguments: &[OsString]) -> ExitCode {
+    let stdout = Arc::new(Stdout::default());
+    let color = value_of(arguments, "--color");
+    let cli = command(color).try_get_matches_from(arguments).and_then(|matches| Cli::from_arg_matches(&matches));
+    let Cli { global, verb } = match cli {
+        Ok(cli) => cli,
+        Err(error) => return usage(&error, arguments, &stdout),
+    };
+    style::set(global.color);
+    interrupt::install();
+
+    let name = verb.name();
+    let mut reporter = Reporter::new(look(&global), global.json, global.quiet, stdout.clone());
+    let result = run_verb(verb, &global, &reporter);
+    reporter.finish();
+    let code = match result {
+        Ok(summary) if global.json => {
+            stdout.line(&summary.to_json(name).to_string());
+            summary.exit_code
+        }
+        Ok(summary) => {
+            stdout.write(&summary.to_text());
+            summary.exit_code
+        }
+        Err(failure) => {
+            let (message, help) = failure.words();
+            if global.json {
+                stdout.line(&summary::failure_to_json(name, failure.code, &message, &help).to_string());
+            }
+            complain(&message, &help);
+            failure.code
+        }
+    };
+    match stdout.take_error() {
+        Some(error) if code == ExitCode::Done => {
+            complain(&format!("cannot write the result: {error}"), &[]);
+            exit::of_io(&error)
+        }
+        _ => code,
+    }
+}
+
+/// The verb on its own threads and behind a net: a bug ends with a summary and exit code 1 like every other failure.
+fn run_verb(verb: Verb, global: &GlobalArgs, reporter: &Reporter) -> Result<Summary, Failure> {
+    let jobs = match global.jobs {
+        Some(jobs) => usize::from(jobs),
+        None => std::thread::available_parallelism().map_or(1, |cores| cores.get()),
+    };
+    // Building the pool a second time cannot happen: this runs once per process.
+    rayon::ThreadPoolBuilder::new().num_threads(jobs).build_global().map_err(anyhow::Error::new)?;
+    let context = Context {
+        reporter,
+        json: global.json,
+        verbose: global.verbose,
+        jobs,
+        memory: global.memory.unwrap_or_else(context::default_memory),
+        memory_given: global.memory.is_some(),
+        store: global.store.clone(),
+        dry_run: global.dry_run,
+    };
+    let run = std::panic::AssertUnwindSafe(|| verb.run(&context));
+    std::panic::catch_unwind(run).unwrap_or_else(|_| {
+        let text = "this is a bug in prelight\n  help: please report it with the message above and the command line";
+        Err(Failure::text(ExitCode::Failed, text))
+    })
+}
+
+/// `error: …`, then its help lines, on stderr.
+fn complain(message: &str, help: &[String]) {
+    talk(&format!("{} {message}", style::error()));
+    for line in help {
+        talk(&format!("  {} {line}", style::help()));
+    }
+}
+
+fn look(global: &GlobalArgs) -> Look {
+    match global.progress {
+        ProgressLook::Never => Look::None,
+        ProgressLook::Auto if global.quiet && !global.json => Look::None,
+        _ if global.json => Look::Events { to_stdout: true },
+        ProgressLook::Json => Look::Events { to_stdout: false },
+        _ if std::io::stderr().is_terminal() => Look::Bar,
+        _ => Look::Lines,
+    }
+}
+
+/// Help and version are results; everything else that the parser says is exit code 2.
+fn usage(error: &clap::Error, arguments: &[OsString], stdout: &Stdout) -> ExitCode {
+    if !error.use_stderr() {
+        let text = error.render();
+        let coloured = std::io::stdout().is_terminal() && value_of(arguments, "--color").as_deref() != Some("never");
+        stdout.write(&if coloured { text.ansi().to_string() } else { text.to_string() });
+        return stdout.take_error().map_or(ExitCode::Done, |error| exit::of_io(&error));
+    }
+    if arguments.iter().any(|argument| argument == "--json") {
+        let text = error.to_string();
+        let message = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_string();
+        stdout.line(&summary::failure_to_json("", ExitCode::Usage, &message, &[]).to_string());
+    }
+    // Printed by clap, which knows about colours; a closed stderr is nobody's to mend.
+    let _ = error.print();
+    ExitCode::Usage
+}
+
+/// The parser; also what completions and the tests of the help text read.
+pub fn command(color: Option<String>) -> clap::Command {
+    let choice = match color.as_deref() {
+        Some("always") => ColorChoice::Always,
+        Some("never") => ColorChoice::Never,
+        _ => ColorChoice::Auto,
+    };
+    Cli::command().color(choice).long_version(long_version())
+}
+
+/// `--option value` or `--option=value`, before anything is parsed.
+fn value_of(arguments: &[OsString], option: &str) -> Option<String> {
+    let texts: Vec<&str> = arguments.iter().filter_map(|argument| argument.to_str()).collect();
+    let joined = texts.iter().find_map(|text| text.strip_prefix(option)?.strip_prefix('='));
+    let apart = || texts.iter().position(|text| *text == option).and_then(|i| texts.get(i + 1).copied());
+    joined.or_else(apart).map(str::to_string)
+}
+
+fn long_version() -> &'static str {
+    static TEXT: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+    TEXT.get_or_init(|| {
+        format!(
+            "{}\nscene.toml format {}, asset format {}, algorithm {}, events {}\ntechniques: {}\nsimd: {}",
+            env!("CARGO_PKG_VERSION"),
+            version::SCENE_FORMAT,
+            version::ASSET_FORMAT,
+            version::ALGORITHM_VERSION,
+            version::EVENT_VERSION,
+            prelight_manifests::Technique::BUILT_IN.join(", "),
+            simd(),
+        )
+    })
+}
+
+/// What this machine can do; which path is taken is each kernel's choice.
+fn simd() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if std::arch::is_x86_feature_detected!("avx512f") {
+            return "avx512";
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            return "avx2";
+        }
+    }
+    "scalar"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        command(None).debug_assert();
+    }
+
+    #[test]
+    fn color_is_found_before_parsing() {
+        let arguments = |list: &[&str]| list.iter().map(OsString::from).collect::<Vec<_>>();
+        assert_eq!(value_of(&arguments(&["prelight", "--color", "never"]), "--color").as_deref(), Some("never"));
+        assert_eq!(value_of(&arguments(&["prelight", "--color=always"]), "--color").as_deref(), Some("always"));
+        assert_eq!(value_of(&arguments(&["prelight", "--colorful"]), "--color"), None);
+        assert_eq!(value_of(&arguments(&["prelight", "--color"]), "--color"), None);
+    }
+}

@@ -1,0 +1,70 @@
+//! What can go wrong in a bake, one variant per thing that a user can act on.
+
+use prelight_manifests::ManifestError;
+use prelight_runtime::error::RuntimeError;
+use prelight_store::StoreError;
+use std::path::Path;
+
+/// Why a bake, a plan or a reference could not be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BakeError {
+    /// The scene manifest or the asset manifest is not usable.
+    #[error(transparent)]
+    Manifest(#[from] ManifestError),
+    /// A chunk, an environment or an image is not usable.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    /// The store could not do it.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// An input file is missing or cannot be read.
+    #[error("cannot read {path}: {source}")]
+    Input {
+        /// Path as given.
+        path: String,
+        /// The system's words.
+        source: std::io::Error,
+    },
+    /// An input that is readable but cannot be used.
+    #[error("{what}\n  help: {help}")]
+    Unsupported {
+        /// What and where.
+        what: String,
+        /// What to do.
+        help: String,
+    },
+    /// A result could not be written.
+    #[error("cannot write {path}: {source}")]
+    Output {
+        /// Path as given.
+        path: String,
+        /// The system's words.
+        source: std::io::Error,
+    },
+    /// The work does not fit the memory limit.
+    #[error("{what} needs {needed} bytes, the limit is {limit}\n  help: give --memory {needed} or more")]
+    Memory {
+        /// What was to be held.
+        what: String,
+        /// The smallest limit that would do, bytes.
+        needed: u64,
+        /// The limit given, bytes.
+        limit: u64,
+    },
+    /// The user asked to stop.
+    #[error("interrupted\n  help: run the same command again: what is baked stays, the rest resumes")]
+    Cancelled,
+}
+
+impl BakeError {
+    /// An input file that cannot be read.
+    pub fn input(path: &Path, source: std::io::Error) -> Self {
+        BakeError::Input { path: path.display().to_string(), source }
+    }
+
+    /// A result that cannot be written.
+    pub fn output(path: &Path, source: std::io::Error) -> Self {
+        BakeError::Output { path: path.display().to_string(), source }
+    }
+}
