@@ -1,1 +1,3 @@
-//! (in progress)
+//! What a bake writes for block products.
+
+pub mod visibility;

@@ -1,0 +1,184 @@
+//! Writes the visibility chunk of a patch; its layout is `prelight_runtime::block_product::visibility`.
+//!
+//! A block of 16×16 texels that is all open or all hidden is recognised from its sixteen row words; only the others (13 of 96 in
+//! ordinary scenes) are brought into Hilbert order texel by texel. Integer work only: the same bytes on every machine.
+
+use prelight_runtime::asset::points::PATCH_POINTS;
+use prelight_runtime::block_product::visibility::{STREAM_PADDING, Visibility, block_count, open_words};
+use prelight_runtime::sphere::cubemap::{BLOCK_SIDE, BLOCK_TEXELS, row_major_from_hilbert};
+
+/// The chunk of one patch: `open` holds the points' open bits one after the other, [`open_words`] words each, the horizon folded in.
+///
+/// Panics unless there are 1..=256 whole points and `face_resolution` is 64 or 128.
+pub fn encode(face_resolution: usize, open: &[u64]) -> Vec<u8> {
+    assert!(matches!(face_resolution, 64 | 128), "faces of {face_resolution} texels");
+    let words = open_words(face_resolution);
+    let n = open.len() / words;
+    assert!(open.len().is_multiple_of(words) && (1..=PATCH_POINTS).contains(&n), "{} words are not 1..=256 points", open.len());
+    let order = BlockOrder::new(face_resolution);
+    let (mut start, mut blocks, mut stream, mut positions) = (vec![0u32], Vec::new(), Vec::new(), Vec::new());
+    for point in open.chunks_exact(words) {
+        let mut mask = vec![0u32; block_count(face_resolution) / 32];
+        let mut before = false;
+        positions.clear();
+        for block in 0..block_count(face_resolution) {
+            let first = positions.len();
+            before = order.transitions(point, block, before, &mut positions);
+            if positions.len() > first {
+                mask[block / 32] |= 1 << (block % 32);
+                stream.push((positions.len() - first - 1) as u8);
+            }
+        }
+        stream.extend_from_slice(&positions);
+        blocks.extend_from_slice(&mask);
+        start.push(stream.len() as u32);
+    }
+    stream.resize(stream.len() + STREAM_PADDING, 0);
+    Visibility::to_chunk(face_resolution, &start, &blocks, &stream)
+}
+
+/// Where the texels of every block lie.
+struct BlockOrder {
+    face_resolution: usize,
+    /// Row-major texel of a face per Hilbert position.
+    texels: Vec<u32>,
+}
+
+impl BlockOrder {
+    fn new(face_resolution: usize) -> Self {
+        BlockOrder { face_resolution, texels: row_major_from_hilbert(face_resolution) }
+    }
+
+    /// Appends the block's transitions, given the bit before it; returns its last bit.
+    fn transitions(&self, open: &[u64], block: usize, before: bool, positions: &mut Vec<u8>) -> bool {
+        let n = self.face_resolution;
+        let face_blocks = n * n / BLOCK_TEXELS;
+        let (face, first) = (block / face_blocks, block % face_blocks * BLOCK_TEXELS);
+        let order = &self.texels[first..first + BLOCK_TEXELS];
+        let (x0, y0) = (order[0] as usize % n / BLOCK_SIDE * BLOCK_SIDE, order[0] as usize / n / BLOCK_SIDE * BLOCK_SIDE);
+        let rows: [u16; BLOCK_SIDE] = std::array::from_fn(|row| (open[(face * n + y0 + row) * (n / 64) + x0 / 64] >> (x0 % 64)) as u16);
+        let (all, any) = rows.iter().fold((u16::MAX, 0), |(all, any), row| (all & row, any | row));
+        if all == u16::MAX || any == 0 {
+            let bit = any != 0;
+            if bit != before {
+                positions.push(0);
+            }
+            return bit;
+        }
+        let mut last = before;
+        for (position, texel) in order.iter().enumerate() {
+            let (x, y) = (*texel as usize % n - x0, *texel as usize / n - y0);
+            let bit = rows[y] >> x & 1 == 1;
+            if bit != last {
+                positions.push(position as u8);
+                last = bit;
+            }
+        }
+        last
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use prelight_runtime::sphere::cubemap::texel_direction;
+
+    /// Deterministic noise: splitmix64.
+    fn noise(state: &mut u64) -> u64 {
+        *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = *state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// All hidden, all open, a half-space, a checkerboard in x (most transitions), noise, one texel, the last texel.
+    fn cases(n: usize) -> Vec<u64> {
+        let words = open_words(n);
+        let mut open = vec![0u64; 7 * words];
+        open[words..2 * words].fill(u64::MAX);
+        for texel in 0..6 * n * n {
+            let d = texel_direction(n, texel / (n * n), texel % n, texel / n % n);
+            if 0.3 * d[0] - 0.5 * d[1] + 0.8 * d[2] > 0.0 {
+                open[2 * words + texel / 64] |= 1 << (texel % 64);
+            }
+        }
+        open[3 * words..4 * words].fill(0xaaaa_aaaa_aaaa_aaaa);
+        let mut state = 7;
+        open[4 * words..5 * words].iter_mut().for_each(|word| *word = noise(&mut state));
+        open[5 * words + 17] = 1 << 40;
+        open[7 * words - 1] = 1 << 63;
+        open
+    }
+
+    #[test]
+    fn decoded_bits_are_the_encoded_bits() {
+        for n in [64, 128] {
+            let (open, words) = (cases(n), open_words(n));
+            let bytes = aligned(&encode(n, &open));
+            let visibility = Visibility::from_chunk(bytemuck::cast_slice(&bytes)).unwrap();
+            assert_eq!((visibility.len(), visibility.face_resolution()), (7, n));
+            let mut back = vec![0; words];
+            for (point, expected) in open.chunks_exact(words).enumerate() {
+                visibility.point(point).to_open_bits(n, &mut back);
+                assert_eq!(back, expected, "point {point}");
+            }
+            assert_eq!(visibility.point(0).transitions(), 0);
+            assert_eq!(visibility.point(1).transitions(), 1);
+        }
+    }
+
+    /// Chunk bytes at the alignment that the store gives, in a vector of 8-byte words.
+    fn aligned(bytes: &[u8]) -> Vec<u64> {
+        let mut words = vec![0u64; bytes.len() / 8];
+        bytemuck::cast_slice_mut(&mut words).copy_from_slice(bytes);
+        words
+    }
+
+    #[test]
+    fn cut_or_flipped_chunks_are_refused_or_harmless() {
+        let open = cases(64);
+        let words = aligned(&encode(64, &open[..3 * open_words(64)]));
+        let bytes: &[u8] = bytemuck::cast_slice(&words);
+        // The last 63 bytes may be the zeros that align the end.
+        for cut in (0..bytes.len() - 63).step_by(8) {
+            assert!(Visibility::from_chunk(&bytes[..cut]).is_err(), "cut at {cut}");
+        }
+        let mut state = 3;
+        for _ in 0..3000 {
+            let mut words = words.clone();
+            let at = noise(&mut state) as usize % (bytes.len() * 8);
+            words[at / 64] ^= 1 << (at % 64);
+            // What still parses must still be walkable.
+            if let Ok(visibility) = Visibility::from_chunk(bytemuck::cast_slice(&words)) {
+                let mut back = vec![0; open_words(visibility.face_resolution())];
+                (0..visibility.len()).for_each(|point| visibility.point(point).to_open_bits(visibility.face_resolution(), &mut back));
+            }
+        }
+    }
+
+    #[test]
+    fn counts_that_lie_are_refused() {
+        let chunk = |start: &[u32], blocks: &[u32], own: &[u8]| {
+            let mut stream = own.to_vec();
+            stream.resize(own.len() + STREAM_PADDING, 0);
+            aligned(&Visibility::to_chunk(64, start, blocks, &stream))
+        };
+        let good = chunk(&[0, 3], &[1, 0, 0], &[1, 4, 9]);
+        assert!(Visibility::from_chunk(bytemuck::cast_slice(&good)).is_ok());
+        let bad = [
+            chunk(&[0, 3], &[1, 0, 0], &[1, 9, 4]),
+            chunk(&[0, 3], &[1, 0, 0], &[1, 9, 9]),
+            chunk(&[0, 3], &[1, 0, 0], &[0, 4, 9]),
+            chunk(&[0, 3], &[1, 0, 0], &[2, 4, 9]),
+            chunk(&[0, 3], &[3, 0, 0], &[1, 4, 9]),
+            chunk(&[0, 3], &[0, 0, 0], &[1, 4, 9]),
+            chunk(&[0, 2], &[1, 0, 0], &[1, 4, 9]),
+            chunk(&[0, 9, 3], &[1, 0, 0, 0, 0, 0], &[1, 4, 9]),
+            chunk(&[1, 3], &[1, 0, 0], &[1, 4, 9]),
+        ];
+        for (case, words) in bad.iter().enumerate() {
+            assert!(Visibility::from_chunk(bytemuck::cast_slice(words)).is_err(), "case {case}");
+        }
+    }
+}
