@@ -48,6 +48,12 @@ pub enum RuntimeError {
         /// The system's words.
         source: std::io::Error,
     },
+    /// A camera that shows nothing.
+    #[error("camera: {what}")]
+    Camera {
+        /// What is wrong and what to give instead.
+        what: String,
+    },
     /// An image file (PNG, EXR) could not be encoded or decoded.
     #[error("{file}: {what}")]
     Image {

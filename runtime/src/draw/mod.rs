@@ -1,4 +1,18 @@
 //! From shaded points to an image: camera, rasteriser, tone map, image files, metrics.
+//!
+//! [`raster::Visibility`] finds what each sample sees, [`shade::draw_visible`] turns light at points into an [`image::Image`].
 
 pub mod camera;
 pub mod image;
+pub mod raster;
+pub mod shade;
+mod threads;
+pub mod tonemap;
+
+#[cfg(test)]
+mod raster_tests;
+
+pub use camera::{Camera, CameraRays, SceneCamera};
+pub use image::Image;
+pub use raster::Visibility;
+pub use shade::{DrawObject, DrawScene, Frame, draw, draw_visible};

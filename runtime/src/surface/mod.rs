@@ -1,7 +1,9 @@
 //! Surfaces: materials and textures, the same code for drawing, the oracle, the reference and alpha cut-outs in a bake.
 
 pub mod material;
+pub mod resolve;
 pub mod texture;
 
 pub use material::{AlphaMode, Material, TextureRef, Wrap};
+pub use resolve::{SurfaceSample, bend_normal, resolve, resolve_alpha, tangent_from_uv};
 pub use texture::{Texture, TextureEncoding};

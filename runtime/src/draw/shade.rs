@@ -1,0 +1,392 @@
+//! From light at points to pixels.
+//!
+//! Per fragment (a triangle in some samples of a pixel), at the centroid of its samples:
+//!
+//! ```text
+//! radiance = emissive + base/π · (1 − metal) · (1 − E_d(n_b·v)) · max(0, E·n_b) + F0 · glossy[0] + glossy[1]
+//! ```
+//!
+//! E is the vector irradiance, glossy the two Schlick terms, both interpolated from the corners' points; n_b the interpolated shading
+//! normal bent by the normal map; E_d and F0 those of [`crate::brdf::gltf`]. Corners without a point, and buried ones, leave the
+//! interpolation: the weights of the others grow to sum 1; a triangle with none left gets no light.
+//!
+//! Where a pixel covers more than one texel of a texture, the fragment's samples are shaded in as many groups as it covers texels (at
+//! most one a sample), so that minified textures are box filtered like everything else. The pixel is the mean of its samples. The
+//! background is looked up once per quarter of a pixel.
+//!
+//! Clay: 0.5/π · max(0, E·n_s) for every surface, alpha kept.
+
+use super::camera::Camera;
+use super::image::Image;
+use super::raster::{Edges, Fragment, TILE, TileFragments, Visibility, blend_corners};
+use super::threads::map_indices;
+use crate::asset::mesh::{Mesh, NO_POINT};
+use crate::asset::points::BURIED;
+use crate::brdf::gltf::GltfSurface;
+use crate::error::RuntimeError;
+use crate::surface::{Material, SurfaceSample, Texture, TextureRef, bend_normal, resolve, tangent_from_uv};
+use std::f32::consts::PI;
+
+/// Reflectance of every surface in clay.
+pub const CLAY_ALBEDO: f32 = 0.5;
+
+/// An object with the light at its points. The three arrays of points have one element each per point.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawObject<'a> {
+    /// Triangles.
+    pub mesh: Mesh<'a>,
+    /// `[points][channel][axis]` vector irradiance, W·m⁻².
+    pub irradiance: &'a [[[f32; 3]; 3]],
+    /// `[points][term][channel]` glossy radiance: the factor of F0, and the rest. Empty: none.
+    pub glossy: &'a [[[f32; 3]; 2]],
+    /// `[points]` flags of [`crate::asset::points`]. Empty: none is buried.
+    pub point_flags: &'a [u32],
+}
+
+/// What is drawn.
+#[derive(Clone, Copy)]
+pub struct DrawScene<'a> {
+    /// Objects; triangles name materials.
+    pub objects: &'a [DrawObject<'a>],
+    /// Materials of the asset.
+    pub materials: &'a [Material],
+    /// Textures of the asset.
+    pub textures: &'a [Texture<'a>],
+    /// Radiance from a unit world direction, where nothing is.
+    pub background: &'a (dyn Fn([f32; 3]) -> [f32; 3] + Sync),
+    /// Two-sided Lambert 0.5 instead of the materials.
+    pub clay: bool,
+}
+
+/// A drawn image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Linear radiance.
+    pub image: Image,
+    /// `[height · width]` share of the samples that hit a surface, 0..1.
+    pub coverage: Vec<f32>,
+    /// `[height · width]` all samples hit a surface: where pictures are compared.
+    pub mask: Vec<bool>,
+}
+
+/// Rasterises and shades.
+///
+/// # Errors
+/// As [`Visibility::new`] and [`draw_visible`].
+pub fn draw(scene: &DrawScene, camera: &Camera, size: [usize; 2], samples: usize) -> Result<Frame, RuntimeError> {
+    let meshes: Vec<Mesh> = scene.objects.iter().map(|object| object.mesh).collect();
+    draw_visible(scene, &Visibility::new(&meshes, scene.materials, scene.textures, camera, size, samples)?)
+}
+
+/// Shades what `visibility` found; it must come from the same meshes and materials.
+///
+/// # Errors
+/// When an object's arrays are shorter than the points that its mesh names.
+pub fn draw_visible(scene: &DrawScene, visibility: &Visibility) -> Result<Frame, RuntimeError> {
+    for object in scene.objects {
+        let points = object.mesh.point_front.iter().chain(object.mesh.point_back).filter(|p| **p != NO_POINT);
+        let needed = points.max().map_or(0, |p| *p as usize + 1);
+        let short = |len: usize, may_lack: bool| len < needed && !(may_lack && len == 0);
+        if short(object.irradiance.len(), false) || short(object.glossy.len(), true) || short(object.point_flags.len(), true) {
+            let what = format!("light for {} points, its mesh names {needed}", object.irradiance.len());
+            return Err(RuntimeError::Chunk { kind: "mesh", digest: String::new(), what });
+        }
+    }
+    let (width, height) = (visibility.width, visibility.height);
+    let tiles_x = width.div_ceil(TILE);
+    let tiles = map_indices(visibility.tiles.len(), |tile| {
+        Shader { scene, visibility, origin: [tile % tiles_x * TILE, tile / tiles_x * TILE] }.tile(&visibility.tiles[tile])
+    });
+    let mut image = Image { width, height, pixels: vec![[0.0; 3]; width * height] };
+    let mut coverage = vec![0.0; width * height];
+    for (tile, pixels) in tiles.iter().enumerate() {
+        let (x0, y0) = (tile % tiles_x * TILE, tile / tiles_x * TILE);
+        let columns = TILE.min(width - x0);
+        for (row, y) in (y0..(y0 + TILE).min(height)).enumerate() {
+            for column in 0..columns {
+                let at = y * width + x0 + column;
+                (image.pixels[at], coverage[at]) = pixels[row * TILE + column];
+            }
+        }
+    }
+    let mask = coverage.iter().map(|share| *share == 1.0).collect();
+    Ok(Frame { image, coverage, mask })
+}
+
+/// A triangle, gathered once for its fragments.
+struct Gathered<'a> {
+    id: u32,
+    edges: Edges,
+    corners: [usize; 3],
+    mesh: &'a Mesh<'a>,
+    object: &'a DrawObject<'a>,
+    /// Points that light the visible side; `None` for corners that leave the interpolation.
+    points: [Option<usize>; 3],
+    material: Option<&'a Material>,
+    /// Texels along u and v of the largest texture, [0, 0] without textures.
+    texels: [f32; 2],
+    tangent_from_uv: Option<[f32; 4]>,
+}
+
+struct Shader<'a> {
+    scene: &'a DrawScene<'a>,
+    visibility: &'a Visibility,
+    origin: [usize; 2],
+}
+
+impl<'a> Shader<'a> {
+    /// Colour and coverage of each pixel of the tile, `[TILE · TILE]`.
+    fn tile(&self, fragments: &TileFragments) -> Vec<([f32; 3], f32)> {
+        let n = self.visibility.pattern.len();
+        let all = u64::MAX >> (64 - n);
+        let mut pixels = vec![([0.0; 3], 0.0); TILE * TILE];
+        let (mut solid, mut blend) = (fragments.solid.as_slice(), fragments.blend.as_slice());
+        let mut gathered = None;
+        for pixel in 0..TILE * TILE {
+            let (x, y) = (self.origin[0] + pixel % TILE, self.origin[1] + pixel / TILE);
+            let solid_here = take_pixel(&mut solid, pixel);
+            let blend_here = take_pixel(&mut blend, pixel);
+            if x >= self.visibility.width || y >= self.visibility.height {
+                continue;
+            }
+            let covered = solid_here.iter().fold(0, |set, fragment| set | fragment.samples);
+            if blend_here.is_empty() {
+                let mut sum = [0.0f32; 3];
+                for fragment in solid_here {
+                    add(&mut sum, self.fragment(fragment, [x, y], &mut gathered).0, fragment.samples.count_ones() as f32);
+                }
+                self.background(all & !covered, [x, y], |samples, color| add(&mut sum, color, samples.count_ones() as f32));
+                pixels[pixel] = (sum.map(|v| v / n as f32), covered.count_ones() as f32 / n as f32);
+                continue;
+            }
+            // Samples one by one: each has its own stack.
+            let mut colors = [[0.0f32; 3]; 64];
+            let mut set = |samples: u64, color: [f32; 3]| bits(samples).for_each(|s| colors[s] = color);
+            self.background(all & !covered, [x, y], &mut set);
+            for fragment in solid_here {
+                set(fragment.samples, self.fragment(fragment, [x, y], &mut gathered).0);
+            }
+            let mut drawn = covered;
+            for fragment in blend_here {
+                let (color, alpha) = self.fragment(fragment, [x, y], &mut gathered);
+                if alpha > 0.0 {
+                    drawn |= fragment.samples;
+                }
+                for s in bits(fragment.samples) {
+                    colors[s] = std::array::from_fn(|k| colors[s][k] + (color[k] - colors[s][k]) * alpha);
+                }
+            }
+            let mut sum = [0.0; 3];
+            colors[..n].iter().for_each(|color| add(&mut sum, *color, 1.0));
+            pixels[pixel] = (sum.map(|v| v / n as f32), drawn.count_ones() as f32 / n as f32);
+        }
+        pixels
+    }
+
+    /// Looks the background up for the samples of each quarter of the pixel.
+    fn background(&self, samples: u64, pixel: [usize; 2], mut f: impl FnMut(u64, [f32; 3])) {
+        if samples == 0 {
+            return;
+        }
+        let n = self.visibility.pattern.len();
+        let groups = if n.is_multiple_of(4) { 4 } else { 1 };
+        let size = n / groups;
+        for group in 0..groups {
+            let set = samples & ((u64::MAX >> (64 - size)) << (group * size));
+            if set != 0 {
+                let [x, y] = self.centroid(set, pixel);
+                f(set, (self.scene.background)(self.visibility.rays.direction(x as f32, y as f32)));
+            }
+        }
+    }
+
+    fn centroid(&self, samples: u64, pixel: [usize; 2]) -> [f64; 2] {
+        let mut sum = [0.0; 2];
+        for s in bits(samples) {
+            (0..2).for_each(|k| sum[k] += f64::from(self.visibility.pattern[s][k]));
+        }
+        [0, 1].map(|k| pixel[k] as f64 + sum[k] / f64::from(samples.count_ones()))
+    }
+
+    /// Radiance and alpha of a fragment, means over its groups of samples.
+    fn fragment(&self, fragment: &Fragment, pixel: [usize; 2], cache: &mut Option<Gathered<'a>>) -> ([f32; 3], f32) {
+        if cache.as_ref().is_none_or(|gathered| gathered.id != fragment.triangle) {
+            *cache = self.gather(fragment.triangle);
+        }
+        let Some(gathered) = cache else {
+            return ([0.0; 3], 0.0);
+        };
+        let covered = fragment.samples.count_ones();
+        let groups = self.groups(gathered, fragment.samples, pixel);
+        if groups == 1 {
+            let [x, y] = self.centroid(fragment.samples, pixel);
+            return self.place(gathered, x, y);
+        }
+        let (mut color, mut alpha) = ([0.0; 3], 0.0);
+        let mut rest = fragment.samples;
+        for group in 0..groups {
+            let size = covered * (group + 1) / groups - covered * group / groups;
+            let mut set = 0;
+            for _ in 0..size {
+                set |= rest & rest.wrapping_neg();
+                rest &= rest - 1;
+            }
+            let [x, y] = self.centroid(set, pixel);
+            let (part, part_alpha) = self.place(gathered, x, y);
+            // Weighted by alpha, so that the cut-out parts of a texture do not tint the rest.
+            let share = size as f32 / covered as f32;
+            add(&mut color, part, share * part_alpha);
+            alpha += part_alpha * share;
+        }
+        if alpha > 0.0 { (color.map(|v| v / alpha), alpha) } else { ([0.0; 3], 0.0) }
+    }
+
+    /// Texels that the fragment covers, 1..=its samples.
+    fn groups(&self, gathered: &Gathered, samples: u64, pixel: [usize; 2]) -> u32 {
+        let covered = samples.count_ones();
+        if covered == 1 || gathered.texels[0] == 0.0 || gathered.mesh.uv0.is_empty() {
+            return 1;
+        }
+        let gradients = gathered.edges.weight_gradients(pixel[0] as f64 + 0.5, pixel[1] as f64 + 0.5);
+        let uvs = gathered.corners.map(|v| gathered.mesh.uv0[v]);
+        // The longer axis of the footprint decides: a stretched footprint needs its samples along one direction.
+        let reach = |gradient: [f32; 3]| {
+            let [u, v] = blend_corners(gradient, uvs);
+            (u.abs() * gathered.texels[0]).max(v.abs() * gathered.texels[1])
+        };
+        let texels = reach(gradients[0]).max(1.0) * reach(gradients[1]).max(1.0) * covered as f32 / self.visibility.pattern.len() as f32;
+        // NaN counts as one.
+        (texels.ceil() as u32).clamp(1, covered)
+    }
+
+    fn gather(&self, id: u32) -> Option<Gathered<'a>> {
+        let (object, triangle) = self.visibility.locate(id);
+        let object = &self.scene.objects[object];
+        let mesh = &object.mesh;
+        let corners = mesh.triangles[triangle].map(|v| v as usize);
+        let edges = Edges::new(corners.map(|v| self.visibility.rays.homogeneous(mesh.position[v])))?;
+        let side = if edges.front { mesh.point_front } else { mesh.point_back };
+        let usable = |v: usize| {
+            let point = side[v];
+            let buried = object.point_flags.get(point as usize).is_some_and(|flags| flags & BURIED != 0);
+            (point != NO_POINT && !buried).then_some(point as usize)
+        };
+        let material = self.scene.materials.get(mesh.material[triangle] as usize);
+        let mut gathered =
+            Gathered { id, edges, corners, mesh, object, points: corners.map(usable), material, texels: [0.0; 2], tangent_from_uv: None };
+        if let Some(material) = material.filter(|_| !self.scene.clay) {
+            let references =
+                [material.base_color_texture, material.metallic_roughness_texture, material.emissive_texture, material.normal_texture];
+            for texture in references.iter().flatten().filter_map(|r| self.scene.textures.get(r.texture as usize)) {
+                gathered.texels = [gathered.texels[0].max(texture.width as f32), gathered.texels[1].max(texture.height as f32)];
+            }
+            if let (Some(reference), true) = (material.normal_texture, mesh.tangent.is_empty()) {
+                let uvs = corners.map(|v| coordinates(mesh, &reference, v));
+                gathered.tangent_from_uv = tangent_from_uv(corners.map(|v| mesh.position[v]), uvs);
+            }
+        }
+        Some(gathered)
+    }
+
+    /// Radiance and alpha at pixel coordinates.
+    fn place(&self, gathered: &Gathered, x: f64, y: f64) -> ([f32; 3], f32) {
+        let weights = gathered.edges.weights(x, y);
+        let Gathered { mesh, corners, .. } = gathered;
+        let uv = |uvs: &[[f32; 2]]| if uvs.is_empty() { [0.0; 2] } else { blend_corners(weights, corners.map(|v| uvs[v])) };
+        let color = if mesh.color.is_empty() { [1.0; 4] } else { blend_corners(weights, corners.map(|v| mesh.color[v])) };
+        let surface = match gathered.material {
+            Some(material) => resolve(material, self.scene.textures, uv(mesh.uv0), uv(mesh.uv1), color),
+            None => resolve(&Material { metallic: 0.0, ..Material::default() }, &[], [0.0; 2], [0.0; 2], [1.0; 4]),
+        };
+        let (irradiance, glossy) = self.light(gathered, weights);
+        let side = if gathered.edges.front { 1.0 } else { -1.0 };
+        let front_normal = self.front_normal(gathered, weights);
+        let mut normal = front_normal;
+        if let (Some(bent), false) = (surface.normal_tangent, self.scene.clay) {
+            let tangent = match gathered.tangent_from_uv {
+                None if mesh.tangent.is_empty() => [0.0; 4],
+                None => {
+                    let sum = blend_corners(weights, corners.map(|v| mesh.tangent[v]));
+                    [sum[0], sum[1], sum[2], mesh.tangent[corners[0]][3]]
+                }
+                Some(tangent) => tangent,
+            };
+            normal = bend_normal(bent, front_normal, tangent);
+        }
+        let normal = normal.map(|v| v * side);
+        let received = irradiance.map(|e| (e[0] * normal[0] + e[1] * normal[1] + e[2] * normal[2]).max(0.0));
+        if self.scene.clay {
+            return (received.map(|e| e * (CLAY_ALBEDO / PI)), surface.alpha);
+        }
+        let view = self.visibility.rays.direction(x as f32, y as f32);
+        let n_dot_v = -(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]);
+        (radiance(&surface, n_dot_v, received, glossy), surface.alpha)
+    }
+
+    /// Unit shading normal of the front.
+    fn front_normal(&self, gathered: &Gathered, weights: [f32; 3]) -> [f32; 3] {
+        let mesh = gathered.mesh;
+        let unit = |v: [f32; 3]| {
+            let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+            (length > f32::MIN_POSITIVE && length.is_finite()).then(|| v.map(|x| x / length))
+        };
+        unit(blend_corners(weights, gathered.corners.map(|v| mesh.normal[v]))).unwrap_or_else(|| {
+            let [a, b, c] = gathered.corners.map(|v| mesh.position[v]);
+            let (p, q): ([f32; 3], [f32; 3]) = (std::array::from_fn(|k| b[k] - a[k]), std::array::from_fn(|k| c[k] - a[k]));
+            unit([p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]).unwrap_or([0.0, 1.0, 0.0])
+        })
+    }
+
+    /// Vector irradiance and glossy terms from the corners that have a usable point.
+    fn light(&self, gathered: &Gathered, weights: [f32; 3]) -> ([[f32; 3]; 3], [[f32; 3]; 2]) {
+        let (mut irradiance, mut glossy) = ([[0.0; 3]; 3], [[0.0; 3]; 2]);
+        let usable = |k: &usize| gathered.points[*k].is_some();
+        let sum: f32 = (0..3).filter(usable).map(|k| weights[k]).sum();
+        let count = (0..3).filter(usable).count();
+        for k in (0..3).filter(usable) {
+            let Some(point) = gathered.points[k] else { continue };
+            // At a corner that has no point the others may weigh nothing: they share equally there.
+            let weight = if sum > 1e-6 { weights[k] / sum } else { 1.0 / count as f32 };
+            let e = &gathered.object.irradiance[point];
+            (0..3).for_each(|c| add(&mut irradiance[c], e[c], weight));
+            if let Some(g) = gathered.object.glossy.get(point) {
+                (0..2).for_each(|term| add(&mut glossy[term], g[term], weight));
+            }
+        }
+        (irradiance, glossy)
+    }
+}
+
+/// Radiance of a surface that receives irradiance `received` (per channel, already dotted with the normal) and `glossy` terms.
+pub fn radiance(surface: &SurfaceSample, n_dot_v: f32, received: [f32; 3], glossy: [[f32; 3]; 2]) -> [f32; 3] {
+    let brdf = GltfSurface { base_color: surface.base_color, metallic: surface.metallic, roughness: surface.roughness };
+    let (diffuse, f0) = (brdf.diffuse(n_dot_v), brdf.f0());
+    std::array::from_fn(|k| surface.emissive[k] + diffuse[k] * received[k] + f0[k] * glossy[0][k] + glossy[1][k])
+}
+
+fn coordinates(mesh: &Mesh, reference: &TextureRef, vertex: usize) -> [f32; 2] {
+    let set = if reference.uv_set == 1 { mesh.uv1 } else { mesh.uv0 };
+    set.get(vertex).copied().unwrap_or([0.0; 2])
+}
+
+/// Splits off the fragments of `pixel` from the front of a list that is sorted by pixel.
+fn take_pixel<'f>(list: &mut &'f [Fragment], pixel: usize) -> &'f [Fragment] {
+    let count = list.iter().take_while(|fragment| usize::from(fragment.pixel) == pixel).count();
+    let (taken, rest) = list.split_at(count);
+    *list = rest;
+    taken
+}
+
+fn bits(mut set: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        (set != 0).then(|| {
+            let bit = set.trailing_zeros() as usize;
+            set &= set - 1;
+            bit
+        })
+    })
+}
+
+fn add(sum: &mut [f32; 3], value: [f32; 3], weight: f32) {
+    (0..3).for_each(|k| sum[k] += value[k] * weight);
+}
