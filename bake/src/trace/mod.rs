@@ -2,6 +2,36 @@
 //!
 //! A texel's bit is the OR over all occluding triangles of one f32 predicate (DESIGN: keys): hierarchies, rectangles, order and early
 //! outs may only skip what the predicate would reject.
+//!
+//! | file | what |
+//! |---|---|
+//! | `predicate` | the predicate, its exactness, and the brute-force oracle |
+//! | `horizon` | n_s·ω > 0 for every texel |
+//! | `mask` | alpha cut-outs |
+//! | `tree` | 8-wide hierarchy, collapsed from obvhs' binary one |
+//! | `coverage`, `simd` | all texels of an origin at once: scalar, and its AVX2 twin |
+//! | `ray` | single rays: any hit, closest hit |
+//! | `occluders` | the public face of all of it |
+
+mod coverage;
+mod dispatch;
+pub mod horizon;
+mod mask;
+mod occluders;
+pub mod predicate;
+mod ray;
+#[cfg(test)]
+mod scenes;
+#[cfg(target_arch = "x86_64")]
+mod simd;
+#[cfg(test)]
+mod tests;
+mod tree;
+
+pub use dispatch::SimdPath;
+pub use occluders::{OccluderOptions, Occluders, Scratch, TreeQuality};
+pub use predicate::open_texels_by_brute_force;
+pub use ray::Hit;
 
 /// Where a point's visibility is traced from.
 #[derive(Clone, Copy, Debug)]

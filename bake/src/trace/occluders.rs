@@ -1,0 +1,200 @@
+//! The public face: what blocks light in a scene, and the questions that can be asked of it.
+
+use super::coverage::{self, Excluded, Scalar, Waiting, Window};
+use super::horizon;
+use super::mask::MaskTable;
+use super::predicate::{View, canonical_order, is_traceable};
+use super::ray::{self, Hit, ORDERS, RayScene};
+#[cfg(target_arch = "x86_64")]
+use super::simd;
+use super::tree::Tree;
+use super::{SimdPath, TraceOrigin};
+use crate::scene::world::{Occlusion, World};
+use obvhs::BvhBuildParams;
+use prelight_runtime::surface::Texture;
+
+/// How much work goes into the tree. Changes time, never an answer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TreeQuality {
+    /// obvhs' preset of that name.
+    Fastest,
+    /// obvhs' preset of that name.
+    VeryFast,
+    /// obvhs' preset of that name.
+    Fast,
+    /// obvhs' preset of that name; about 0.75 s of CPU per million triangles.
+    #[default]
+    Medium,
+    /// obvhs' preset of that name, without splits.
+    Slow,
+    /// obvhs' preset of that name, without splits; about 6 s of CPU per million triangles, for final bakes.
+    VerySlow,
+}
+
+impl TreeQuality {
+    /// All of them, fastest first.
+    pub const ALL: [TreeQuality; 6] =
+        [TreeQuality::Fastest, TreeQuality::VeryFast, TreeQuality::Fast, TreeQuality::Medium, TreeQuality::Slow, TreeQuality::VerySlow];
+
+    fn params(self) -> BvhBuildParams {
+        match self {
+            TreeQuality::Fastest => BvhBuildParams::fastest_build(),
+            TreeQuality::VeryFast => BvhBuildParams::very_fast_build(),
+            TreeQuality::Fast => BvhBuildParams::fast_build(),
+            TreeQuality::Medium => BvhBuildParams::medium_build(),
+            TreeQuality::Slow => BvhBuildParams::slow_build(),
+            TreeQuality::VerySlow => BvhBuildParams::very_slow_build(),
+        }
+    }
+}
+
+/// How occluders are built and asked. None of it changes an answer.
+#[derive(Clone, Copy, Debug)]
+pub struct OccluderOptions {
+    /// Effort of the builder.
+    pub quality: TreeQuality,
+    /// Triangles of a leaf at most, 8..=120. Coverage likes 64, single rays 8 to 16.
+    pub leaf_size: usize,
+    /// Instructions to use.
+    pub simd: SimdPath,
+}
+
+impl Default for OccluderOptions {
+    fn default() -> Self {
+        OccluderOptions { quality: TreeQuality::default(), leaf_size: 64, simd: SimdPath::detect() }
+    }
+}
+
+/// Everything in a scene that blocks light. Shared by all threads.
+#[derive(Clone, Debug)]
+pub struct Occluders {
+    tree: Tree,
+    masks: MaskTable,
+    /// `[triangles]` index into `ray::ORDERS`.
+    orders: Vec<u8>,
+    simd: SimdPath,
+    n_untraceable: usize,
+}
+
+/// Working memory of one thread; reused, nothing is allocated per point once it has grown.
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    stack: Vec<Waiting>,
+    excluded: Excluded,
+    window: Window,
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Scratch { stack: Vec::new(), excluded: Excluded::default(), window: Window::closed() }
+    }
+}
+
+impl Occluders {
+    /// Builds from all triangles that block. `textures` are the scene's; only those that cut-outs name are kept.
+    ///
+    /// # Panics
+    /// If an index of `world` is out of range.
+    pub fn build(world: &World, textures: &[Texture<'static>], options: OccluderOptions) -> Self {
+        Self::build_where(world, textures, options, |_| true)
+    }
+
+    /// Builds from the blocking triangles whose id `keep` accepts, such as one layer of a layered bake.
+    pub fn build_where(world: &World, textures: &[Texture<'static>], options: OccluderOptions, keep: impl Fn(u32) -> bool) -> Self {
+        let order_of = |corners: &[[f32; 3]; 3]| {
+            let order = canonical_order(corners);
+            ORDERS.iter().position(|o| *o == order).unwrap_or(0) as u8
+        };
+        let untraceable = |(corners, occlusion): (&[[f32; 3]; 3], &Occlusion)| *occlusion != Occlusion::None && !is_traceable(corners);
+        Occluders {
+            tree: Tree::build(world, options.quality.params(), options.leaf_size, keep),
+            masks: MaskTable::new(world, textures),
+            orders: world.positions.iter().map(order_of).collect(),
+            simd: options.simd.available(),
+            n_untraceable: world.positions.iter().zip(&world.occlusion).filter(|&pair| untraceable(pair)).count(),
+        }
+    }
+
+    /// Blocking triangles that are left out because a coordinate exceeds [`super::predicate::LARGEST_COORDINATE`].
+    pub fn n_untraceable(&self) -> usize {
+        self.n_untraceable
+    }
+
+    /// Which texels see past everything: n_s·ω > 0 and no occluder.
+    ///
+    /// `open`: one bit a texel, 1 = open, shape `[6, n, n / 64]` u64 for n = `face_resolution` (64, 128, ...): texel (face, y, x) is bit
+    /// x mod 64 of word (face·n + y)·(n / 64) + x / 64. Overwritten.
+    ///
+    /// # Panics
+    /// If `face_resolution` is not a power of two from 64 up or `open` has another length.
+    pub fn open_texels(&self, from: &TraceOrigin, face_resolution: usize, scratch: &mut Scratch, open: &mut [u64]) {
+        horizon::above_horizon(from.normal, face_resolution, open);
+        self.close_covered(from, face_resolution, scratch, open);
+    }
+
+    /// Clears the bits of `open` that an occluder covers; bits that are already 0 cost nothing. `from.normal` is not read.
+    ///
+    /// A texel's new bit depends only on its old one, so work can be cut by texels or by layers of occluders in any way.
+    pub fn close_covered(&self, from: &TraceOrigin, face_resolution: usize, scratch: &mut Scratch, open: &mut [u64]) {
+        let (n, words) = (face_resolution, face_resolution / 64);
+        assert!(n.is_power_of_two() && n >= 64, "face resolution {n} is not a power of two from 64 up");
+        assert_eq!(open.len(), 6 * n * words, "one bit a texel");
+        let Scratch { stack, excluded, window } = scratch;
+        stack.reserve(self.tree.stack_size);
+        excluded.set(&self.tree, from.base_triangles);
+        let scene = coverage::Scene { tree: &self.tree, masks: &self.masks, excluded };
+        for face in 0..6 {
+            for (wy, wx) in (0..words).flat_map(|y| (0..words).map(move |x| (y, x))) {
+                let at = |y: usize| (face * n + wy * 64 + y) * words + wx;
+                for y in 0..64 {
+                    window.rows[y] = open[at(y)];
+                }
+                window.refresh();
+                if window.any == 0 {
+                    continue;
+                }
+                let view = View::new(from.origin, n, face, [wx * 64, wy * 64]);
+                self.cover(scene, &view, window, stack);
+                for y in 0..64 {
+                    open[at(y)] = window.rows[y];
+                }
+            }
+        }
+    }
+
+    fn cover(&self, scene: coverage::Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
+        #[cfg(target_arch = "x86_64")]
+        if self.simd == SimdPath::Avx2
+            && let Some(kernel) = simd::Avx2::detect()
+        {
+            return kernel.cover(scene, view, window, stack);
+        }
+        coverage::cover(Scalar, scene, view, window, stack);
+    }
+
+    fn ray_scene<'a>(&'a self, excluded: &'a [u32]) -> RayScene<'a> {
+        RayScene { tree: &self.tree, masks: &self.masks, orders: &self.orders, excluded }
+    }
+
+    /// Whether anything blocks the ray for 0 <= t <= `t_max` (t in units of the direction's length). `excluded`: ids that never block.
+    pub fn occluded(&self, origin: [f32; 3], direction: [f32; 3], t_max: f32, excluded: &[u32]) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        if self.simd == SimdPath::Avx2
+            && let Some(kernel) = simd::Avx2::detect()
+        {
+            return kernel.occluded(self.ray_scene(excluded), origin, direction, t_max);
+        }
+        ray::occluded(self.ray_scene(excluded), origin, direction, t_max)
+    }
+
+    /// The nearest surface along the ray, t >= 0. Both faces count; MASK is cut. `excluded`: ids that are passed through.
+    pub fn closest_hit(&self, origin: [f32; 3], direction: [f32; 3], excluded: &[u32]) -> Option<Hit> {
+        #[cfg(target_arch = "x86_64")]
+        if self.simd == SimdPath::Avx2
+            && let Some(kernel) = simd::Avx2::detect()
+        {
+            return kernel.closest_hit(self.ray_scene(excluded), origin, direction);
+        }
+        ray::closest_hit(self.ray_scene(excluded), origin, direction)
+    }
+}

@@ -1,0 +1,381 @@
+#![allow(unsafe_code)]
+//! AVX2 twin of the scalar coverage kernel: eight children or eight triangles a step, eight texels of a row a step.
+//!
+//! Every lane does the operations of `predicate.rs` in the same order with the same rounding (no FMA, true division), so the bits are the
+//! scalar's. Triangles of at most 2×2 texels are evaluated eight at once; larger ones row by row.
+
+use super::coverage::{self, Kernel, Scene, Waiting, Window, span};
+use super::predicate::{NEAR, PAD, View};
+use super::ray::{self, Hit, RayScene};
+use super::tree::{Block, Child, LANES, Node, Tree, child};
+use std::arch::x86_64::*;
+
+/// Proof that the CPU has AVX2: only [`Avx2::detect`] makes one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Avx2(());
+
+impl Avx2 {
+    pub fn detect() -> Option<Self> {
+        is_x86_feature_detected!("avx2").then_some(Avx2(()))
+    }
+
+    /// [`coverage::cover`] compiled for AVX2.
+    pub fn cover(self, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
+        // SAFETY: `self` proves that the CPU has AVX2.
+        unsafe { cover(self, scene, view, window, stack) }
+    }
+
+    /// [`ray::occluded`] compiled for AVX2.
+    pub fn occluded(self, scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> bool {
+        // SAFETY: `self` proves that the CPU has AVX2.
+        unsafe { occluded(scene, origin, direction, t_max) }
+    }
+
+    /// [`ray::closest_hit`] compiled for AVX2.
+    pub fn closest_hit(self, scene: RayScene, origin: [f32; 3], direction: [f32; 3]) -> Option<Hit> {
+        // SAFETY: `self` proves that the CPU has AVX2.
+        unsafe { closest_hit(scene, origin, direction) }
+    }
+}
+
+#[target_feature(enable = "avx2")]
+fn occluded(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> bool {
+    ray::occluded(scene, origin, direction, t_max)
+}
+
+#[target_feature(enable = "avx2")]
+fn closest_hit(scene: RayScene, origin: [f32; 3], direction: [f32; 3]) -> Option<Hit> {
+    ray::closest_hit(scene, origin, direction)
+}
+
+#[target_feature(enable = "avx2")]
+fn cover(kernel: Avx2, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
+    coverage::cover(kernel, scene, view, window, stack);
+}
+
+impl Kernel for Avx2 {
+    #[inline(always)]
+    fn children(self, node: &Node, view: &View, rects: &mut [u32; LANES], near: &mut [f32; LANES]) -> u32 {
+        // SAFETY: `self` proves that the CPU has AVX2.
+        unsafe { children(node, view, rects, near) }
+    }
+
+    #[inline(always)]
+    fn block(self, scene: Scene, block: usize, view: &View, window: &mut Window) {
+        // SAFETY: `self` proves that the CPU has AVX2.
+        unsafe { cover_block(scene, block, view, window) }
+    }
+
+    #[inline(always)]
+    fn prefetch(self, tree: &Tree, code: u32) {
+        let (start, bytes) = match child(code) {
+            Child::Node(index) => (std::ptr::from_ref(&tree.nodes[index]).cast::<i8>(), size_of::<Node>()),
+            Child::Leaf { first, .. } => (std::ptr::from_ref(&tree.blocks[first]).cast::<i8>(), size_of::<Block>()),
+        };
+        for offset in (0..bytes).step_by(64) {
+            // SAFETY: a prefetch reads nothing, and the address lies inside the node or block.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(start.add(offset)) }
+        }
+    }
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn load(lanes: &[f32; LANES]) -> __m256 {
+    // SAFETY: `lanes` are 32 readable bytes; the load is unaligned.
+    unsafe { _mm256_loadu_ps(lanes.as_ptr()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn store(lanes: &mut [f32; LANES], value: __m256) {
+    // SAFETY: `lanes` are 32 writable bytes; the store is unaligned.
+    unsafe { _mm256_storeu_ps(lanes.as_mut_ptr(), value) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn store_u32(lanes: &mut [u32; LANES], value: __m256i) {
+    // SAFETY: `lanes` are 32 writable bytes; the store is unaligned.
+    unsafe { _mm256_storeu_si256(lanes.as_mut_ptr().cast(), value) }
+}
+
+/// Rectangles of eight projected intervals: columns and rows in texels of the window, and the lanes that hold a texel centre.
+struct Rects {
+    /// x0, x1, y0, y1 as whole floats in texels of the face.
+    bounds: [__m256; 4],
+    lanes: __m256,
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn rects(view: &View, lo: [__m256; 2], hi: [__m256; 2], alive: __m256) -> Rects {
+    let low = _mm256_set1_ps(view.half - 0.5 - PAD);
+    let high = _mm256_set1_ps(view.half - 0.5 + PAD);
+    let first = [_mm256_set1_ps(view.first[0]), _mm256_set1_ps(view.first[1])];
+    let last = [_mm256_set1_ps(view.first[0] + 63.0), _mm256_set1_ps(view.first[1] + 63.0)];
+    let x0 = _mm256_max_ps(_mm256_ceil_ps(_mm256_add_ps(lo[0], low)), first[0]);
+    let x1 = _mm256_min_ps(_mm256_floor_ps(_mm256_add_ps(hi[0], high)), last[0]);
+    let y0 = _mm256_max_ps(_mm256_ceil_ps(_mm256_add_ps(lo[1], low)), first[1]);
+    let y1 = _mm256_min_ps(_mm256_floor_ps(_mm256_add_ps(hi[1], high)), last[1]);
+    let some = _mm256_and_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(x0, x1), _mm256_cmp_ps::<_CMP_LE_OQ>(y0, y1));
+    Rects { bounds: [x0, x1, y0, y1], lanes: _mm256_and_ps(alive, some) }
+}
+
+/// Packed rectangles (`coverage::pack`), in texels of the window.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn pack(view: &View, rects: &Rects) -> __m256i {
+    let first = [_mm256_set1_ps(view.first[0]), _mm256_set1_ps(view.first[1])];
+    let [x0, x1, y0, y1] = rects.bounds;
+    let whole = |value, first| _mm256_cvttps_epi32(_mm256_sub_ps(value, first));
+    let x = _mm256_or_si256(whole(x0, first[0]), _mm256_slli_epi32::<8>(whole(x1, first[0])));
+    let y = _mm256_or_si256(_mm256_slli_epi32::<16>(whole(y0, first[1])), _mm256_slli_epi32::<24>(whole(y1, first[1])));
+    _mm256_or_si256(x, y)
+}
+
+/// Twin of `View::box_rect` before the rectangle: projected interval of both axes.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn box_bounds(half: __m256, depth: [__m256; 2], u: [__m256; 2], v: [__m256; 2]) -> ([__m256; 2], [__m256; 2]) {
+    let least = _mm256_set1_ps(NEAR);
+    let r0 = _mm256_div_ps(half, _mm256_max_ps(depth[0], least));
+    let r1 = _mm256_div_ps(half, _mm256_max_ps(depth[1], least));
+    let lo = |a: __m256| _mm256_min_ps(_mm256_mul_ps(a, r0), _mm256_mul_ps(a, r1));
+    let hi = |a: __m256| _mm256_max_ps(_mm256_mul_ps(a, r0), _mm256_mul_ps(a, r1));
+    ([lo(u[0]), lo(v[0])], [hi(u[1]), hi(v[1])])
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn children(node: &Node, view: &View, rects_out: &mut [u32; LANES], near: &mut [f32; LANES]) -> u32 {
+    let [main, u, v] = view.axes;
+    let origin = [_mm256_set1_ps(view.origin[0]), _mm256_set1_ps(view.origin[1]), _mm256_set1_ps(view.origin[2])];
+    let sign = _mm256_and_ps(_mm256_set1_ps(view.sign), _mm256_set1_ps(-0.0));
+    let first = usize::from(view.sign < 0.0);
+    let depth = |side: usize| _mm256_xor_ps(sign, _mm256_sub_ps(load(&node.bounds[main][side]), origin[0]));
+    let side = |axis: usize, k: usize| {
+        [_mm256_sub_ps(load(&node.bounds[axis][0]), origin[k]), _mm256_sub_ps(load(&node.bounds[axis][1]), origin[k])]
+    };
+    let depth = [depth(first), depth(1 - first)];
+    let (lo, hi) = box_bounds(_mm256_set1_ps(view.half), depth, side(u, 1), side(v, 2));
+    let alive = _mm256_cmp_ps::<_CMP_GT_OQ>(depth[1], _mm256_set1_ps(NEAR));
+    let rects = rects(view, lo, hi, alive);
+    store_u32(rects_out, pack(view, &rects));
+    store(near, _mm256_max_ps(depth[0], _mm256_setzero_ps()));
+    _mm256_movemask_ps(rects.lanes) as u32
+}
+
+type Vector = [__m256; 3];
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn cross(a: Vector, b: Vector) -> Vector {
+    let minor = |i: usize, j: usize| _mm256_sub_ps(_mm256_mul_ps(a[i], b[j]), _mm256_mul_ps(a[j], b[i]));
+    [minor(1, 2), minor(2, 0), minor(0, 1)]
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn difference(a: Vector, b: Vector) -> Vector {
+    [_mm256_sub_ps(a[0], b[0]), _mm256_sub_ps(a[1], b[1]), _mm256_sub_ps(a[2], b[2])]
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn sum(a: Vector, b: Vector) -> Vector {
+    [_mm256_add_ps(a[0], b[0]), _mm256_add_ps(a[1], b[1]), _mm256_add_ps(a[2], b[2])]
+}
+
+/// (c_w + dv·c_v) + du·c_u
+#[inline]
+#[target_feature(enable = "avx2")]
+fn edge(c: Vector, du: __m256, dv: __m256) -> __m256 {
+    _mm256_add_ps(_mm256_add_ps(c[0], _mm256_mul_ps(dv, c[2])), _mm256_mul_ps(du, c[1]))
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn least3(a: __m256, b: __m256, c: __m256) -> __m256 {
+    _mm256_min_ps(_mm256_min_ps(a, b), c)
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn most3(a: __m256, b: __m256, c: __m256) -> __m256 {
+    _mm256_max_ps(_mm256_max_ps(a, b), c)
+}
+
+/// Twin of `View::triangle_rect`.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn triangle_rects(view: &View, a: &[Vector; 3]) -> Rects {
+    let (half, least) = (_mm256_set1_ps(view.half), _mm256_set1_ps(NEAR));
+    let near = least3(a[0][0], a[1][0], a[2][0]);
+    let far = most3(a[0][0], a[1][0], a[2][0]);
+    let alive = _mm256_cmp_ps::<_CMP_GT_OQ>(far, least);
+    let ahead = _mm256_cmp_ps::<_CMP_GT_OQ>(near, least);
+    let r = [_mm256_div_ps(half, a[0][0]), _mm256_div_ps(half, a[1][0]), _mm256_div_ps(half, a[2][0])];
+    let t = |k: usize| [_mm256_mul_ps(a[0][k], r[0]), _mm256_mul_ps(a[1][k], r[1]), _mm256_mul_ps(a[2][k], r[2])];
+    let (x, y) = (t(1), t(2));
+    let mut lo = [least3(x[0], x[1], x[2]), least3(y[0], y[1], y[2])];
+    let mut hi = [most3(x[0], x[1], x[2]), most3(y[0], y[1], y[2])];
+    if _mm256_movemask_ps(_mm256_andnot_ps(ahead, alive)) != 0 {
+        let range = |k: usize| [least3(a[0][k], a[1][k], a[2][k]), most3(a[0][k], a[1][k], a[2][k])];
+        let (box_lo, box_hi) = box_bounds(half, [near, far], range(1), range(2));
+        for k in 0..2 {
+            lo[k] = _mm256_blendv_ps(box_lo[k], lo[k], ahead);
+            hi[k] = _mm256_blendv_ps(box_hi[k], hi[k], ahead);
+        }
+    }
+    rects(view, lo, hi, alive)
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn cover_block(scene: Scene, index: usize, view: &View, window: &mut Window) {
+    let block = &scene.tree.blocks[index];
+    let origin = [_mm256_set1_ps(view.origin[0]), _mm256_set1_ps(view.origin[1]), _mm256_set1_ps(view.origin[2])];
+    let sign_bit = _mm256_set1_ps(-0.0);
+    let sign = _mm256_and_ps(_mm256_set1_ps(view.sign), sign_bit);
+    let [main, u, v] = view.axes;
+    let corner = |i: usize| {
+        let at = |axis: usize, k: usize| _mm256_sub_ps(load(&block.corners[i][axis]), origin[k]);
+        [_mm256_xor_ps(sign, at(main, 0)), at(u, 1), at(v, 2)]
+    };
+    let a: [Vector; 3] = [corner(0), corner(1), corner(2)];
+
+    let found = triangle_rects(view, &a);
+    let mut lanes = _mm256_movemask_ps(found.lanes) as u32;
+    if lanes == 0 {
+        return;
+    }
+    lanes &= !scene.excluded.lanes(index);
+    let mut packed = [0; LANES];
+    store_u32(&mut packed, pack(view, &found));
+    let mut open = 0;
+    while lanes != 0 {
+        let lane = lanes.trailing_zeros();
+        lanes &= lanes - 1;
+        open |= u32::from(window.is_open(coverage::unpack(packed[lane as usize]))) << lane;
+    }
+    if open == 0 {
+        return;
+    }
+
+    // Edge planes and det of all eight, in the order of `predicate::signed_planes`.
+    let (e20, e01) = (difference(a[2], a[0]), difference(a[0], a[1]));
+    let n = cross(e20, e01);
+    let det = _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(a[0][0], n[0]), _mm256_mul_ps(a[0][1], n[1])), _mm256_mul_ps(a[0][2], n[2]));
+    open &= _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_NEQ_OQ>(det, _mm256_setzero_ps())) as u32;
+    if open == 0 {
+        return;
+    }
+    let flip = _mm256_and_ps(det, sign_bit);
+    let signed = |c: Vector| [_mm256_xor_ps(c[0], flip), _mm256_xor_ps(c[1], flip), _mm256_xor_ps(c[2], flip)];
+    let planes =
+        [signed(cross(difference(a[1], a[2]), sum(a[1], a[2]))), signed(cross(e20, sum(a[2], a[0]))), signed(cross(e01, sum(a[0], a[1])))];
+
+    let [x0, x1, y0, y1] = found.bounds;
+    let one = _mm256_set1_ps(1.0);
+    let small =
+        _mm256_and_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_sub_ps(x1, x0), one), _mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_sub_ps(y1, y0), one));
+    let small = _mm256_movemask_ps(small) as u32 & open;
+    let masked =
+        if scene.masks.is_empty() { 0 } else { (0..LANES).fold(0, |m, lane| m | u32::from(is_masked(scene, block, lane)) << lane) };
+
+    if small != 0 {
+        // Texel centres from whole texel numbers: exact.
+        let centre = _mm256_set1_ps(0.5 - view.half);
+        let step = _mm256_set1_ps(1.0 / view.half);
+        for dy in 0..2 {
+            let y = _mm256_add_ps(y0, _mm256_set1_ps(dy as f32));
+            let in_y = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(y, y1)) as u32 & small;
+            if in_y == 0 {
+                continue;
+            }
+            let dv = _mm256_mul_ps(_mm256_add_ps(y, centre), step);
+            for dx in 0..2 {
+                let x = _mm256_add_ps(x0, _mm256_set1_ps(dx as f32));
+                let inside = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(x, x1)) as u32 & in_y;
+                if inside == 0 {
+                    continue;
+                }
+                let du = _mm256_mul_ps(_mm256_add_ps(x, centre), step);
+                let e = least3(edge(planes[0], du, dv), edge(planes[1], du, dv), edge(planes[2], du, dv));
+                let mut covered = inside & _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GE_OQ>(e, _mm256_setzero_ps())) as u32;
+                while covered != 0 {
+                    let lane = covered.trailing_zeros() as usize;
+                    covered &= covered - 1;
+                    let rect = packed[lane];
+                    let (x, y) = ((rect & 255) + dx, ((rect >> 16 & 255) + dy) as usize);
+                    close(scene, index, lane, masked >> lane & 1 != 0, view, window, y, 1 << x);
+                }
+            }
+        }
+    }
+
+    let mut large = open & !small;
+    if large == 0 {
+        return;
+    }
+    let mut stored = [[[0.0; LANES]; 3]; 3];
+    for k in 0..3 {
+        for c in 0..3 {
+            store(&mut stored[k][c], planes[k][c]);
+        }
+    }
+    while large != 0 {
+        let lane = large.trailing_zeros() as usize;
+        large &= large - 1;
+        let planes: [[f32; 3]; 3] = std::array::from_fn(|k| std::array::from_fn(|c| stored[k][c][lane]));
+        cover_rows(scene, index, lane, masked >> lane & 1 != 0, view, window, &planes, packed[lane]);
+    }
+}
+
+fn is_masked(scene: Scene, block: &Block, lane: usize) -> bool {
+    block.ids[lane] != super::tree::NO_TRIANGLE && scene.masks.is_masked(block.ids[lane])
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn close(scene: Scene, index: usize, lane: usize, masked: bool, view: &View, window: &mut Window, y: usize, covered: u64) {
+    let covered = if masked { scene.cut(view, index, lane, y, covered & window.rows[y]) } else { covered };
+    window.close(y, covered);
+}
+
+/// A triangle of more than 2×2 texels: eight texels of a row at a time, only where one is open.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn cover_rows(scene: Scene, index: usize, lane: usize, masked: bool, view: &View, window: &mut Window, planes: &[[f32; 3]; 3], rect: u32) {
+    let rect = coverage::unpack(rect);
+    let columns = span(rect.x0, rect.x1);
+    let slopes = [_mm256_set1_ps(planes[0][1]), _mm256_set1_ps(planes[1][1]), _mm256_set1_ps(planes[2][1])];
+    let mut rows = window.any & span(rect.y0, rect.y1);
+    while rows != 0 {
+        let y = rows.trailing_zeros() as usize;
+        rows &= rows - 1;
+        let open = window.rows[y] & columns;
+        if open == 0 {
+            continue;
+        }
+        let dv = view.dv[y];
+        let base = |k: usize| _mm256_set1_ps(planes[k][0] + dv * planes[k][2]);
+        let base = [base(0), base(1), base(2)];
+        let mut covered = 0;
+        let mut rest = open;
+        while rest != 0 {
+            let octet = rest.trailing_zeros() as usize & !7;
+            rest &= !(0xff << octet);
+            // SAFETY: octet is at most 56, so eight floats of `du` are readable.
+            let du = unsafe { _mm256_loadu_ps(view.du.as_ptr().add(octet)) };
+            let e = |k: usize| _mm256_add_ps(base[k], _mm256_mul_ps(du, slopes[k]));
+            let inside = _mm256_cmp_ps::<_CMP_GE_OQ>(least3(e(0), e(1), e(2)), _mm256_setzero_ps());
+            covered |= u64::from(_mm256_movemask_ps(inside) as u32) << octet;
+        }
+        covered &= open;
+        if covered != 0 {
+            close(scene, index, lane, masked, view, window, y, covered);
+        }
+    }
+}
