@@ -1,0 +1,122 @@
+//! `bad/`: what was found corrupt. Evidence is kept; nothing is deleted.
+//!
+//! A corrupt object is moved to `bad/<digest>.object`. A pack is immutable and holds other chunks, so a corrupt chunk of it is only written
+//! down: `bad/<digest>-<offset>-<pack>.txt`, four lines. When the chunk is written anew, its records get the ending `.mended.txt`.
+
+use crate::{StoreError, os};
+use prelight_manifests::Digest;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// No record is longer; more is somebody else's file.
+const MAX_RECORD: u64 = 4096;
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct BadChunk {
+    pub digest: Digest,
+    /// Relative to the store's folder.
+    pub file: String,
+    pub offset: u64,
+    pub what: String,
+}
+
+impl BadChunk {
+    fn text(&self) -> String {
+        format!("digest {}\nfile {}\noffset {}\nwhat {}\n", self.digest, self.file, self.offset, self.what)
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        let mut lines = text.lines();
+        let mut field = |name: &str| lines.next()?.strip_prefix(name)?.strip_prefix(' ').map(str::to_string);
+        let (digest, file) = (field("digest")?.parse().ok()?, field("file")?);
+        Some(BadChunk { digest, file, offset: field("offset")?.parse().ok()?, what: field("what")? })
+    }
+
+    fn record_name(&self) -> String {
+        let stem = Path::new(&self.file).file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+        format!("{}-{}-{}.txt", self.digest, self.offset, stem.chars().take(16).collect::<String>())
+    }
+
+    pub fn error(&self) -> StoreError {
+        StoreError::Corrupt { digest: self.digest, file: self.file.clone(), offset: self.offset, what: self.what.clone() }
+    }
+}
+
+/// What is known to be corrupt and not yet mended.
+#[derive(Default)]
+pub(crate) struct BadList(BTreeMap<Digest, Vec<BadChunk>>);
+
+impl BadList {
+    /// Reads the records of a store; those that do not parse are named in `problems`.
+    pub fn read(dir: &Path, problems: &mut Vec<String>) -> Result<Self, StoreError> {
+        let mut list = BadList::default();
+        let folder = dir.join("bad");
+        for name in os::list(&folder)? {
+            let name = name.to_string_lossy();
+            if !name.ends_with(".txt") || name.ends_with(".mended.txt") {
+                continue;
+            }
+            let text = os::read_small(&folder.join(&*name), MAX_RECORD).ok().flatten().unwrap_or_default();
+            match BadChunk::parse(&String::from_utf8_lossy(&text)) {
+                Some(bad) => list.0.entry(bad.digest).or_default().push(bad),
+                None => problems.push(format!("bad/{name}: not a record of a corrupt chunk")),
+            }
+        }
+        Ok(list)
+    }
+
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether this place of this chunk is known to be corrupt.
+    pub fn names(&self, digest: &Digest, file: &str, offset: u64) -> bool {
+        self.0.get(digest).is_some_and(|list| list.iter().any(|bad| bad.file == file && bad.offset == offset))
+    }
+
+    /// The first thing found wrong with a chunk.
+    pub fn get(&self, digest: &Digest) -> Option<&BadChunk> {
+        self.0.get(digest).and_then(|list| list.first())
+    }
+
+    /// Writes a finding down. Best effort on disk (the store may be read-only); in this process it counts at once.
+    pub fn insert(&mut self, dir: &Path, bad: BadChunk) {
+        let folder = dir.join("bad");
+        let (temp, path) = (folder.join(format!("{}.part", os::unique_name())), folder.join(bad.record_name()));
+        let text = bad.text();
+        let written = os::make_dir(&folder).and_then(|()| os::write_new(&temp, &[text.as_bytes()]));
+        if written.and_then(|file| os::sync_file(&file, &temp)).and_then(|()| os::rename(&temp, &path)).is_ok() {
+            let _ = os::sync_path(&folder);
+        }
+        self.0.entry(bad.digest).or_default().push(bad);
+    }
+
+    /// A chunk was written anew: its findings stay as evidence under another name.
+    pub fn mend(&mut self, dir: &Path, digest: &Digest) {
+        for bad in self.0.remove(digest).unwrap_or_default() {
+            let path = dir.join("bad").join(bad.record_name());
+            let _ = os::rename(&path, &path.with_extension("mended.txt"));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn findings_round_trip_and_mended_ones_are_not_read_again() {
+        let dir = tempfile::tempdir().unwrap();
+        let digest = Digest([3; 32]);
+        let bad = BadChunk { digest, file: "packs/0123.pack".into(), offset: 192, what: "one bit".into() };
+        BadList::default().insert(dir.path(), bad.clone());
+        let mut problems = Vec::new();
+        let mut list = BadList::read(dir.path(), &mut problems).unwrap();
+        assert!(list.names(&digest, "packs/0123.pack", 192) && !list.names(&digest, "packs/0123.pack", 64));
+        assert_eq!(list.get(&digest), Some(&bad));
+        list.mend(dir.path(), &digest);
+        let list = BadList::read(dir.path(), &mut problems).unwrap();
+        assert_eq!((list.len(), problems.len()), (0, 0));
+        assert_eq!(os::list(&dir.path().join("bad")).unwrap().len(), 1, "the evidence stays");
+    }
+}

@@ -1,0 +1,116 @@
+//! A chunk in memory, and where chunks come from.
+
+use crate::StoreError;
+use crate::aligned::{AlignedBytes, is_aligned};
+use prelight_manifests::{Descriptor, Digest};
+use std::fmt;
+use std::ops::{Deref, Range};
+use std::sync::Arc;
+
+/// Gives chunks by descriptor: a store on disk, or packs in memory.
+pub trait ChunkSource: Send + Sync {
+    /// The plain bytes of the chunk, 64-byte aligned, verified against their digest before the first byte is handed out.
+    ///
+    /// # Errors
+    /// [`StoreError::Missing`], [`StoreError::Corrupt`], [`StoreError::Size`] when the descriptor's length is another one, and what the
+    /// system says when files cannot be read.
+    fn chunk(&self, descriptor: &Descriptor) -> Result<Chunk, StoreError>;
+}
+
+impl<S: ChunkSource + ?Sized> ChunkSource for Arc<S> {
+    fn chunk(&self, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
+        (**self).chunk(descriptor)
+    }
+}
+
+impl<S: ChunkSource + ?Sized> ChunkSource for &S {
+    fn chunk(&self, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
+        (**self).chunk(descriptor)
+    }
+}
+
+/// Bytes kept alive by whoever made them.
+pub type SharedBytes = Arc<dyn AsRef<[u8]> + Send + Sync>;
+
+/// Plain bytes of a chunk: verified, 64-byte aligned, cheap to clone, valid as long as any clone lives.
+///
+/// Backed by a mapped file, an owned buffer, or bytes of the program itself.
+#[derive(Clone)]
+pub struct Chunk {
+    owner: Owner,
+    range: Range<usize>,
+}
+
+#[derive(Clone)]
+enum Owner {
+    Static(&'static [u8]),
+    Owned(Arc<AlignedBytes>),
+    Shared(SharedBytes),
+    #[cfg(feature = "fs")]
+    Mapped(Arc<crate::map::Map>),
+}
+
+impl Chunk {
+    pub(crate) fn owned(bytes: AlignedBytes) -> Self {
+        let range = 0..bytes.as_ref().len();
+        Chunk { owner: Owner::Owned(Arc::new(bytes)), range }
+    }
+
+    /// The part of `bytes` from `start` on; `start` is a multiple of 64.
+    #[cfg(feature = "fs")]
+    pub(crate) fn owned_from(bytes: AlignedBytes, start: usize) -> Self {
+        let range = start..bytes.as_ref().len();
+        Chunk { owner: Owner::Owned(Arc::new(bytes)), range }.aligned()
+    }
+
+    #[cfg(feature = "fs")]
+    pub(crate) fn mapped(map: Arc<crate::map::Map>, range: Range<usize>) -> Self {
+        Chunk { owner: Owner::Mapped(map), range }.aligned()
+    }
+
+    pub(crate) fn shared(bytes: SharedBytes, range: Range<usize>) -> Self {
+        Chunk { owner: Owner::Shared(bytes), range }.aligned()
+    }
+
+    pub(crate) fn from_static(bytes: &'static [u8]) -> Self {
+        Chunk { owner: Owner::Static(bytes), range: 0..bytes.len() }.aligned()
+    }
+
+    /// Alignment is a promise that readers cast by, so it is held here, in the one place that all borrowed chunks pass.
+    fn aligned(self) -> Self {
+        assert!(is_aligned(&self), "borrowed chunks start on a 64-byte boundary");
+        self
+    }
+}
+
+impl Deref for Chunk {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        let bytes = match &self.owner {
+            Owner::Static(bytes) => bytes,
+            Owner::Owned(bytes) => (**bytes).as_ref(),
+            Owner::Shared(bytes) => (**bytes).as_ref(),
+            #[cfg(feature = "fs")]
+            Owner::Mapped(map) => map,
+        };
+        &bytes[self.range.clone()]
+    }
+}
+
+impl AsRef<[u8]> for Chunk {
+    fn as_ref(&self) -> &[u8] {
+        self
+    }
+}
+
+impl fmt::Debug for Chunk {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Chunk({} bytes)", self.len())
+    }
+}
+
+/// blake3 of `bytes`.
+pub fn digest_of(bytes: &[u8]) -> Digest {
+    Digest(*blake3::hash(bytes).as_bytes())
+}

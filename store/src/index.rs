@@ -1,0 +1,160 @@
+//! Digest -> pack and entry, for all packs of a store, in one sorted table.
+
+use crate::map::Map;
+use crate::os;
+use crate::pack::{self, PACK_LINE_BYTES, PackEntry, PackFoot};
+use crate::{StoreError, bad::BadList};
+use prelight_manifests::Digest;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, OnceLock};
+
+/// One pack on disk. Mapped on first use and then kept, so what was verified stays verified.
+pub(crate) struct PackFile {
+    pub path: PathBuf,
+    /// Path relative to the store's folder: what errors and records in bad/ say.
+    pub name: String,
+    pub entries: Vec<PackEntry>,
+    pub map: OnceLock<Option<Arc<Map>>>,
+    pub verified: Vec<AtomicBool>,
+}
+
+impl PackFile {
+    pub fn new(dir: &Path, file_name: &str, entries: Vec<PackEntry>) -> Self {
+        let verified = entries.iter().map(|_| AtomicBool::new(false)).collect();
+        let name = format!("packs/{file_name}");
+        PackFile { path: dir.join(&name), name, entries, map: OnceLock::new(), verified }
+    }
+
+    /// Reads the index at the end of a pack; where that is damaged, scans the chunk headers and says so in the second value.
+    pub fn read(dir: &Path, file_name: &str) -> Result<Option<(Self, Option<&'static str>)>, StoreError> {
+        let path = dir.join("packs").join(file_name);
+        let Some((mut file, bytes)) = os::open_sized(&path)? else { return Ok(None) };
+        let indexed = Self::read_index(&mut file, &path, bytes)?;
+        let (entries, damage) = match indexed {
+            Ok(entries) => (entries, None),
+            // Whole file in memory: rare, and bounded by the bytes that are there.
+            Err(what) => match os::read_aligned(&path, 0, bytes)? {
+                Some(pack) => (pack::scan(pack.as_ref()), Some(what)),
+                None => (Vec::new(), Some(what)),
+            },
+        };
+        Ok(Some((PackFile::new(dir, file_name, entries), damage)))
+    }
+
+    fn read_index(file: &mut std::fs::File, path: &Path, bytes: u64) -> Result<Result<Vec<PackEntry>, &'static str>, StoreError> {
+        let mut line = [0; PACK_LINE_BYTES];
+        if !os::read_at(file, path, 0, &mut line)? {
+            return Ok(Err("it is too short for a pack"));
+        }
+        if let Err(what) = pack::check_head(&line) {
+            return Ok(Err(what));
+        }
+        if !os::read_at(file, path, bytes.saturating_sub(PACK_LINE_BYTES as u64), &mut line)? {
+            return Ok(Err("it is too short for a pack"));
+        }
+        let foot = match PackFoot::decode(&line, bytes) {
+            Ok(foot) => foot,
+            Err(what) => return Ok(Err(what)),
+        };
+        let (offset, len) = foot.index();
+        let mut index = vec![0; len as usize]; // at most the file's own length: PackFoot::decode
+        if !os::read_at(file, path, offset, &mut index)? {
+            return Ok(Err("it is cut inside its index"));
+        }
+        Ok(foot.entries(&index))
+    }
+}
+
+/// A chunk in a pack.
+#[derive(Clone)]
+pub(crate) struct Place {
+    pub pack: Arc<PackFile>,
+    pub entry: usize,
+}
+
+impl Place {
+    pub fn entry(&self) -> &PackEntry {
+        &self.pack.entries[self.entry]
+    }
+}
+
+/// Which pack holds which chunk.
+#[derive(Default)]
+pub(crate) struct Index {
+    packs: BTreeMap<String, Arc<PackFile>>,
+    table: BTreeMap<Digest, Place>,
+    /// Further places of chunks that two writers packed at once.
+    others: BTreeMap<Digest, Vec<Place>>,
+}
+
+impl Index {
+    pub fn has_pack(&self, file_name: &str) -> bool {
+        self.packs.contains_key(file_name)
+    }
+
+    pub fn packs(&self) -> impl Iterator<Item = &Arc<PackFile>> {
+        self.packs.values()
+    }
+
+    pub fn n_chunks(&self) -> usize {
+        self.table.len()
+    }
+
+    pub fn get(&self, digest: &Digest) -> Option<&Place> {
+        self.table.get(digest)
+    }
+
+    /// Adds packs by their file names; a pack of a known name takes the place of the old one (it was written anew). Entries that `bad`
+    /// names are left out.
+    pub fn add(&mut self, packs: Vec<(String, PackFile)>, bad: &BadList) {
+        let mut rows = Vec::new();
+        for (file_name, pack) in packs {
+            let pack = Arc::new(pack);
+            if let Some(old) = self.packs.insert(file_name, pack.clone()) {
+                (0..old.entries.len()).for_each(|entry| self.remove(&Place { pack: old.clone(), entry }));
+            }
+            let usable = (0..pack.entries.len()).filter(|&i| !bad.names(&pack.entries[i].digest, &pack.name, pack.entries[i].offset));
+            rows.extend(usable.map(|entry| (pack.entries[entry].digest, Place { pack: pack.clone(), entry })));
+        }
+        if self.table.is_empty() {
+            // Stable, so of two places the first stays first; then one linear build.
+            rows.sort_by_key(|(digest, _)| *digest);
+            let mut first: Vec<(Digest, Place)> = Vec::with_capacity(rows.len());
+            for (digest, place) in rows {
+                if first.last().is_some_and(|(last, _)| *last == digest) {
+                    self.others.entry(digest).or_default().push(place);
+                } else {
+                    first.push((digest, place));
+                }
+            }
+            self.table = first.into_iter().collect();
+            return;
+        }
+        for (digest, place) in rows {
+            match self.table.entry(digest) {
+                std::collections::btree_map::Entry::Vacant(slot) => drop(slot.insert(place)),
+                std::collections::btree_map::Entry::Occupied(_) => self.others.entry(digest).or_default().push(place),
+            }
+        }
+    }
+
+    /// Forgets one place of a chunk; the next place, if there is one, takes over.
+    pub fn remove(&mut self, place: &Place) {
+        let digest = place.entry().digest;
+        let same = |other: &Place| Arc::ptr_eq(&other.pack, &place.pack) && other.entry == place.entry;
+        if let Some(others) = self.others.get_mut(&digest) {
+            others.retain(|other| !same(other));
+        }
+        if self.table.get(&digest).is_some_and(same) {
+            match self.others.get_mut(&digest).and_then(Vec::pop) {
+                Some(next) => self.table.insert(digest, next),
+                None => self.table.remove(&digest),
+            };
+        }
+        if self.others.get(&digest).is_some_and(Vec::is_empty) {
+            self.others.remove(&digest);
+        }
+    }
+}

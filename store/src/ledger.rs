@@ -1,0 +1,227 @@
+//! The ledger: key -> record, in one segment file per shard.
+//!
+//! ```text
+//! head    64 bytes  magic `PLLEDGE\n`, version u32, count u32, body bytes u64, 8 zeros, blake3 of head[0..32] ++ body
+//! body              records, one after the other, each a multiple of 8 bytes:
+//!   key 32, record bytes u32 (all of it, padding too), chunks u32, data bytes u32, zero u32
+//!   per chunk: kind name 16 (zero padded), dtype name 8, bytes u64, digest 32, rank u32, zero u32, shape u64 each
+//!   data, zeros up to a multiple of 8
+//! ```
+//!
+//! Kind and dtype are written by their names in manifests, so a record of a newer prelight parses and is simply no hit.
+
+use crate::header::{STORE_FORMAT, digest_at, u32_at, u64_at};
+use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
+use serde::Deserialize;
+use serde::de::IntoDeserializer;
+use serde::de::value::{Error as ValueError, StrDeserializer};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+const MAGIC: &[u8; 8] = b"PLLEDGE\n";
+const HEAD: usize = 64;
+const RECORD_HEAD: usize = 48;
+const CHUNK_HEAD: usize = 72;
+const KIND_NAME: usize = 16;
+const DTYPE_NAME: usize = 8;
+
+/// More dimensions than any array has.
+const MAX_RANK: usize = 16;
+
+/// What was baked for a key.
+#[derive(Clone, Debug, PartialEq, Eq, Default)]
+pub struct Record {
+    /// The chunks, in an order that the technique knows.
+    pub chunks: Vec<Descriptor>,
+    /// Bytes that the technique gives a meaning to, as keys of tiles. Small: they are read on open.
+    pub data: Vec<u8>,
+}
+
+/// One record as it lies in a segment.
+///
+/// # Panics
+/// When the record carries more than [`MAX_RECORD_DATA`] or a shape has more than 16 dimensions: bugs of the caller.
+pub(crate) fn encode_record(key: &Digest, record: &Record) -> Vec<u8> {
+    assert!(record.data.len() <= MAX_RECORD_DATA, "a record carries at most {MAX_RECORD_DATA} bytes of data");
+    let mut bytes = vec![0; RECORD_HEAD];
+    bytes[..32].copy_from_slice(&key.0);
+    for chunk in &record.chunks {
+        assert!(chunk.shape.len() <= MAX_RANK, "shape {:?} has more than {MAX_RANK} dimensions", chunk.shape);
+        push_name(&mut bytes, &name_of(&chunk.kind), KIND_NAME);
+        push_name(&mut bytes, &name_of(&chunk.dtype), DTYPE_NAME);
+        bytes.extend_from_slice(&chunk.bytes.to_le_bytes());
+        bytes.extend_from_slice(&chunk.digest.0);
+        bytes.extend_from_slice(&(chunk.shape.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(&[0; 4]);
+        chunk.shape.iter().for_each(|extent| bytes.extend_from_slice(&extent.to_le_bytes()));
+    }
+    bytes.extend_from_slice(&record.data);
+    bytes.resize(bytes.len().next_multiple_of(8), 0);
+    let field = |n: usize| u32::try_from(n).expect("a record is far below 4 GiB").to_le_bytes();
+    let (total, chunks, data) = (field(bytes.len()), field(record.chunks.len()), field(record.data.len()));
+    bytes[32..36].copy_from_slice(&total);
+    bytes[36..40].copy_from_slice(&chunks);
+    bytes[40..44].copy_from_slice(&data);
+    bytes
+}
+
+/// A unit variant's name, as manifests writes it.
+fn name_of<T: serde::Serialize>(variant: &T) -> String {
+    match serde_json::to_value(variant) {
+        Ok(serde_json::Value::String(name)) => name,
+        other => unreachable!("kinds and dtypes are written as strings, not {other:?}"),
+    }
+}
+
+fn push_name(bytes: &mut Vec<u8>, name: &str, width: usize) {
+    assert!(name.len() <= width, "`{name}` is longer than {width} bytes");
+    bytes.extend_from_slice(name.as_bytes());
+    bytes.resize(bytes.len() + width - name.len(), 0);
+}
+
+fn variant<T: for<'de> Deserialize<'de>>(field: &[u8]) -> Option<T> {
+    let end = field.iter().position(|&byte| byte == 0).unwrap_or(field.len());
+    let deserializer: StrDeserializer<'_, ValueError> = std::str::from_utf8(&field[..end]).ok()?.into_deserializer();
+    T::deserialize(deserializer).ok()
+}
+
+/// Reads one whole record. `None` when this build does not know a kind in it, or when it does not parse.
+pub(crate) fn decode_record(bytes: &[u8]) -> Option<(Digest, Record)> {
+    let head = bytes.get(..RECORD_HEAD)?;
+    let (n_chunks, n_data) = (u32_at(head, 36) as usize, u32_at(head, 40) as usize);
+    let mut rest = &bytes[RECORD_HEAD..];
+    let mut chunks = Vec::new();
+    for _ in 0..n_chunks {
+        let (chunk, tail) = rest.split_at_checked(CHUNK_HEAD)?;
+        let rank = u32_at(chunk, 64) as usize;
+        let (shape, tail) = tail.split_at_checked(rank.checked_mul(8).filter(|_| rank <= MAX_RANK)?)?;
+        rest = tail;
+        chunks.push(Descriptor {
+            kind: variant::<ChunkKind>(&chunk[..KIND_NAME])?,
+            dtype: variant::<Dtype>(&chunk[KIND_NAME..KIND_NAME + DTYPE_NAME])?,
+            bytes: u64_at(chunk, 24),
+            digest: digest_at(chunk, 32),
+            shape: shape.chunks_exact(8).map(|extent| u64_at(extent, 0)).collect(),
+        });
+    }
+    let (data, padding) = rest.split_at_checked(n_data)?;
+    (padding.len() < 8).then(|| (digest_at(head, 0), Record { chunks, data: data.to_vec() }))
+}
+
+/// A whole segment of records that [`encode_record`] made, and its digest.
+pub(crate) fn encode_segment(records: &[Vec<u8>]) -> (Vec<u8>, Digest) {
+    let body_bytes: usize = records.iter().map(Vec::len).sum();
+    let mut bytes = Vec::with_capacity(HEAD + body_bytes);
+    bytes.extend_from_slice(MAGIC);
+    bytes.extend_from_slice(&STORE_FORMAT.to_le_bytes());
+    bytes.extend_from_slice(&u32::try_from(records.len()).expect("a shard has fewer than 2^32 records").to_le_bytes());
+    bytes.extend_from_slice(&(body_bytes as u64).to_le_bytes());
+    bytes.extend_from_slice(&[0; 40]);
+    records.iter().for_each(|record| bytes.extend_from_slice(record));
+    let check = segment_check(&bytes);
+    bytes[32..64].copy_from_slice(&check.0);
+    (bytes, check)
+}
+
+fn segment_check(segment: &[u8]) -> Digest {
+    Digest(*blake3::Hasher::new().update(&segment[..32]).update(&segment[HEAD..]).finalize().as_bytes())
+}
+
+/// Where each record of a segment lies: offset and length, in order.
+///
+/// # Errors
+/// What does not hold, in words.
+pub(crate) fn parse_segment(segment: &[u8]) -> Result<Vec<(usize, usize)>, &'static str> {
+    if segment.len() < HEAD || &segment[..8] != MAGIC {
+        return Err("it does not start as a ledger segment");
+    }
+    if segment_check(segment).0 != segment[32..64] {
+        return Err("it fails its own check");
+    }
+    if u32_at(segment, 8) != STORE_FORMAT {
+        return Err("it has a version that this build does not know");
+    }
+    if u64_at(segment, 16) != (segment.len() - HEAD) as u64 || segment[24..32] != [0; 8] {
+        return Err("its head and its length disagree");
+    }
+    let mut places = Vec::new();
+    let mut offset = HEAD;
+    for _ in 0..u32_at(segment, 12) {
+        let rest = &segment[offset..];
+        let len = rest.get(32..36).map(|field| u32_at(field, 0) as usize).ok_or("it ends inside a record")?;
+        if len < RECORD_HEAD || !len.is_multiple_of(8) || len > rest.len() {
+            return Err("a record has an impossible length");
+        }
+        places.push((offset, len));
+        offset += len;
+    }
+    if offset == segment.len() { Ok(places) } else { Err("bytes follow its last record") }
+}
+
+/// All records, in one sorted table.
+#[derive(Default)]
+pub(crate) struct Ledger {
+    segments: BTreeMap<String, Arc<[u8]>>,
+    /// (key, digest of the encoded record): two different records of one key have an order that no listing or clock decides.
+    table: BTreeMap<(Digest, Digest), (Arc<[u8]>, u32, u32)>,
+}
+
+impl Ledger {
+    pub fn has_segment(&self, name: &str) -> bool {
+        self.segments.contains_key(name)
+    }
+
+    pub fn n_segments(&self) -> usize {
+        self.segments.len()
+    }
+
+    pub fn n_records(&self) -> usize {
+        self.table.len()
+    }
+
+    /// Adds segments with the names of their files; gives those that are damaged, and why.
+    pub fn add(&mut self, segments: Vec<(String, Vec<u8>)>) -> Vec<(String, &'static str)> {
+        let mut rows = Vec::new();
+        let mut damaged = Vec::new();
+        for (name, bytes) in segments {
+            match parse_segment(&bytes) {
+                Ok(_) if u32::try_from(bytes.len()).is_err() => damaged.push((name, "it is longer than 4 GiB")),
+                Ok(places) => {
+                    let bytes: Arc<[u8]> = bytes.into();
+                    for (offset, len) in places {
+                        let record = &bytes[offset..offset + len];
+                        let row = (digest_at(record, 0), crate::digest_of(record));
+                        rows.push((row, (bytes.clone(), offset as u32, len as u32)));
+                    }
+                    self.segments.insert(name, bytes);
+                }
+                Err(what) => damaged.push((name, what)),
+            }
+        }
+        if self.table.is_empty() {
+            self.table = rows.into_iter().collect(); // sorts once and builds in linear time
+        } else {
+            self.table.extend(rows);
+        }
+        damaged
+    }
+
+    /// Whether this very record is there.
+    pub fn has_record(&self, key: &Digest, encoded: &[u8]) -> bool {
+        self.table.contains_key(&(*key, crate::digest_of(encoded)))
+    }
+
+    /// All records of a key, in the order of their own digests.
+    pub fn get(&self, key: &Digest) -> Vec<Record> {
+        let (first, last) = ((*key, Digest([0; 32])), (*key, Digest([255; 32])));
+        let rows = self.table.range(first..=last);
+        rows.filter_map(|(_, (segment, offset, len))| {
+            let start = *offset as usize;
+            decode_record(&segment[start..start + *len as usize]).map(|(_, record)| record)
+        })
+        .collect()
+    }
+}
+
+/// Bytes of data that a record may carry: 16 MiB, since all records are held in memory.
+pub const MAX_RECORD_DATA: usize = 16 << 20;

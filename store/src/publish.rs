@@ -1,0 +1,141 @@
+//! Making a shard visible, in an order in which a crash at any moment leaves either nothing of it or all of it.
+//!
+//! 1. all chunks lie in temporary files; 2. one sync; 3. rename objects and pack; 4. sync their folders; 5. write, sync and rename the
+//!    ledger segment; 6. sync the ledger folder.
+//!
+//! Before 5 the chunks may be there, but no record names them: the shard is run again and finds them. A record is never durable before
+//! the chunks that it names.
+
+use crate::fault::FaultPoint;
+use crate::index::PackFile;
+use crate::ledger::encode_segment;
+use crate::pack::encode_index;
+use crate::put::{CommitReport, ShardWriter};
+use crate::store::Inner;
+use crate::{StoreError, os};
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::path::PathBuf;
+
+impl ShardWriter {
+    /// Publishes the shard; once this returns, it survives a power cut.
+    ///
+    /// # Errors
+    /// [`StoreError::Missing`] when a record names a chunk that is neither in this writer nor in the store; what the system says. After an
+    /// error nothing of the shard counts as done; running it again is right.
+    pub fn commit(mut self) -> Result<CommitReport, StoreError> {
+        if self.failed {
+            return Err(StoreError::WriterFailed);
+        }
+        self.check_named()?;
+        self.commit_chunks()?;
+        self.publish_records()?;
+        Ok(self.report)
+    }
+
+    /// The first half of a commit: chunks durable and usable, no record yet.
+    pub(crate) fn commit_chunks(&mut self) -> Result<(), StoreError> {
+        let pack = self.finish_pack()?;
+        self.publish_chunks(pack)
+    }
+
+    fn check_named(&self) -> Result<(), StoreError> {
+        for (digest, bytes) in &self.named {
+            if self.new.get(digest) != Some(bytes) && self.inner.find(digest, *bytes)?.is_none() {
+                let place = format!("the store {} although a record of this shard names it", self.inner.dir.display());
+                return Err(StoreError::Missing { digest: *digest, place });
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes index and foot; gives the temporary path, the final name and the entries.
+    fn finish_pack(&mut self) -> Result<Option<(PathBuf, PackFile, String)>, StoreError> {
+        let Some(mut pack) = self.pack.take() else { return Ok(None) };
+        let mut entries = std::mem::take(&mut pack.entries);
+        let (index, digest) = encode_index(&mut entries, pack.bytes);
+        pack.write(&index)?;
+        pack.file.flush().map_err(os::fail("write", &pack.path))?;
+        self.report.bytes_stored += pack.bytes;
+        self.inner.pass(FaultPoint::PackWritten)?;
+        let file_name = format!("{digest}.pack");
+        Ok(Some((pack.path.clone(), PackFile::new(&self.inner.dir, &file_name, entries), file_name)))
+    }
+
+    fn publish_chunks(&mut self, pack: Option<(PathBuf, PackFile, String)>) -> Result<(), StoreError> {
+        let inner = self.inner.clone();
+        let dir = &inner.dir;
+        let mut folders: BTreeSet<PathBuf> = BTreeSet::new();
+        if let Some(temp) = &self.temp {
+            let objects = self.objects.iter().map(|digest| temp.join(digest.to_string()));
+            let files: Vec<PathBuf> = objects.chain(pack.iter().map(|(path, ..)| path.clone())).collect();
+            os::sync_paths(dir, files.iter())?;
+            inner.pass(FaultPoint::FilesSynced)?;
+            for digest in &self.objects {
+                let to = dir.join(Inner::object_name(digest));
+                let folder = to.parent().expect("objects lie in folders");
+                if !folder.is_dir() {
+                    os::make_dir(folder)?;
+                    folders.insert(dir.join("objects"));
+                }
+                os::rename(&temp.join(digest.to_string()), &to)?;
+                folders.insert(folder.to_path_buf());
+                inner.pass(FaultPoint::ObjectRenamed)?;
+            }
+            if let Some((path, file, _)) = &pack {
+                os::rename(path, &file.path)?;
+                folders.insert(dir.join("packs"));
+                inner.pass(FaultPoint::PackRenamed)?;
+            }
+        }
+        for path in &self.reused_files {
+            os::freshen(path);
+            // Whoever published them may not have come to sync the folder yet; a record of ours must not outlive them.
+            folders.extend(path.parent().map(PathBuf::from));
+        }
+        os::sync_paths(dir, folders.iter())?;
+        inner.pass(FaultPoint::FoldersSynced)?;
+
+        // Durable, so they may be used from here on, and earlier findings about them are history.
+        let mut bad = inner.bad.lock().expect("no panic under this lock");
+        self.new.keys().for_each(|digest| bad.mend(dir, digest));
+        let mut mapped = inner.objects.lock().expect("no panic under this lock");
+        self.objects.iter().for_each(|digest| drop(mapped.remove(digest)));
+        if let Some((_, file, name)) = pack {
+            inner.index.write().expect("no panic under this lock").add(vec![(name, file)], &bad);
+        }
+        Ok(())
+    }
+
+    fn publish_records(&mut self) -> Result<(), StoreError> {
+        let inner = self.inner.clone();
+        let folder = inner.dir.join("ledger");
+        let mut records = std::mem::take(&mut self.records);
+        let n_records = records.len();
+        records.sort();
+        records.dedup();
+        {
+            let ledger = inner.ledger.read().expect("no panic under this lock");
+            records.retain(|(key, encoded)| !ledger.has_record(key, encoded));
+        }
+        if !records.is_empty() {
+            let records: Vec<Vec<u8>> = records.into_iter().map(|(_, encoded)| encoded).collect();
+            let (segment, digest) = encode_segment(&records);
+            let temp = self.temp_folder()?.join("segment");
+            let file = os::write_new(&temp, &[&segment])?;
+            inner.pass(FaultPoint::SegmentWritten)?;
+            os::sync_file(&file, &temp)?;
+            inner.pass(FaultPoint::SegmentSynced)?;
+            let name = format!("{digest}.segment");
+            os::rename(&temp, &folder.join(&name))?;
+            inner.pass(FaultPoint::SegmentRenamed)?;
+            self.report.bytes_stored += segment.len() as u64;
+            os::sync_path(&folder)?;
+            let damaged = inner.ledger.write().expect("no panic under this lock").add(vec![(name, segment)]);
+            assert!(damaged.is_empty(), "a segment just written must parse: {damaged:?}");
+        } else if n_records > 0 {
+            os::sync_path(&folder)?; // another process may have published them a moment ago
+        }
+        inner.pass(FaultPoint::LedgerSynced)
+    }
+}

@@ -1,0 +1,199 @@
+//! Reading chunks from disk: map or read, verify once, set aside what is corrupt.
+
+use crate::aligned::AlignedBytes;
+use crate::bad::BadChunk;
+use crate::form::{Fault, decode_zstd, expect_header, verify_raw};
+use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
+use crate::index::Place;
+use crate::map::Map;
+use crate::store::Inner;
+use crate::{Chunk, ChunkSource, Form, Store, StoreError, os};
+use prelight_manifests::Descriptor;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+/// Linux gives a process 65,530 mappings by default. Past half of that files are read instead.
+const MAX_MAPS: usize = 32_000;
+static N_MAPS: AtomicUsize = AtomicUsize::new(0);
+
+/// An object that is mapped, and whether its bytes have been verified since.
+pub(crate) struct ObjectMap {
+    map: Arc<Map>,
+    verified: AtomicBool,
+}
+
+impl ChunkSource for Store {
+    fn chunk(&self, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
+        self.inner.chunk(descriptor)
+    }
+}
+
+impl Inner {
+    /// Every place that holds the chunk is tried; each one that turns out corrupt is set aside first.
+    fn chunk(&self, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
+        let digest = descriptor.digest;
+        let mut first_error = None;
+        let mut refreshed = false;
+        loop {
+            let place = self.index.read().expect("no panic under this lock").get(&digest).cloned();
+            if let Some(place) = place {
+                match self.read_packed(&place, descriptor) {
+                    Ok(chunk) => return Ok(chunk),
+                    Err(error @ StoreError::Corrupt { .. }) => {
+                        self.index.write().expect("no panic under this lock").remove(&place);
+                        self.set_aside(&error);
+                        first_error.get_or_insert(error);
+                        continue;
+                    }
+                    Err(error) => return Err(error),
+                }
+            }
+            match self.read_object(descriptor) {
+                Ok(Some(chunk)) => return Ok(chunk),
+                Ok(None) => {}
+                Err(error @ StoreError::Corrupt { .. }) => {
+                    self.objects.lock().expect("no panic under this lock").remove(&digest);
+                    let path = self.dir.join(Self::object_name(&digest));
+                    let _ = os::make_dir(&self.dir.join("bad"));
+                    let _ = os::rename(&path, &self.dir.join(format!("bad/{digest}.object")));
+                    self.set_aside(&error);
+                    first_error.get_or_insert(error);
+                }
+                Err(error) => return Err(error),
+            }
+            // Another process may have published it since this one listed the packs.
+            if !refreshed && self.load_new_packs()? > 0 {
+                refreshed = true;
+                continue;
+            }
+            let known = || self.bad.lock().expect("no panic under this lock").get(&digest).map(BadChunk::error);
+            let missing = || StoreError::Missing { digest, place: format!("the store {}", self.dir.display()) };
+            return Err(first_error.or_else(known).unwrap_or_else(missing));
+        }
+    }
+
+    fn set_aside(&self, error: &StoreError) {
+        if let StoreError::Corrupt { digest, file, offset, what } = error {
+            self.problem(format!("{file}: chunk {digest} at byte {offset} is corrupt: {what}"));
+            let bad = BadChunk { digest: *digest, file: file.clone(), offset: *offset, what: what.clone() };
+            self.bad.lock().expect("no panic under this lock").insert(&self.dir, bad);
+        }
+    }
+
+    fn read_packed(&self, place: &Place, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
+        let (pack, entry) = (&place.pack, place.entry());
+        if entry.plain_bytes != descriptor.bytes {
+            let (digest, described, stored) = (descriptor.digest, descriptor.bytes, entry.plain_bytes);
+            return Err(StoreError::Size { digest, described, stored });
+        }
+        let at = |fault: Fault| fault.at(descriptor, &pack.name, entry.offset);
+        let range = entry.range();
+        let map = pack.map.get_or_init(|| if self.use_maps { map_file(&pack.path) } else { None });
+        let Some(map) = map else {
+            let bytes = os::read_aligned(&pack.path, range.start, range.end - range.start)?;
+            return read_owned(bytes, entry.stored_bytes, descriptor).map_err(at);
+        };
+        let result = read_mapped(map, range.start, entry.stored_bytes, descriptor, &pack.verified[place.entry]);
+        match result {
+            // Once more from the file before a good chunk is condemned for a bad moment of memory.
+            Err(Fault::Corrupt(_)) => {
+                let bytes = os::read_aligned(&pack.path, range.start, range.end - range.start)?;
+                read_owned(bytes, entry.stored_bytes, descriptor).map_err(at)
+            }
+            result => result.map_err(at),
+        }
+    }
+
+    fn read_object(&self, descriptor: &Descriptor) -> Result<Option<Chunk>, StoreError> {
+        let digest = descriptor.digest;
+        let name = Self::object_name(&digest);
+        let path = self.dir.join(&name);
+        let known = self.objects.lock().expect("no panic under this lock").get(&digest).cloned();
+        let at = |fault: Fault| fault.at(descriptor, &name, 0);
+        let object = match known {
+            Some(object) => Some(object),
+            None => {
+                let Some((_, bytes)) = os::open_sized(&path)? else { return Ok(None) };
+                if bytes < CHUNK_HEADER_BYTES as u64 {
+                    return Err(at(Fault::Corrupt("it is cut inside its header")));
+                }
+                let map = if self.use_maps { map_file(&path) } else { None };
+                map.map(|map| Arc::new(ObjectMap { map, verified: AtomicBool::new(false) }))
+            }
+        };
+        if let Some(object) = object {
+            let stored_bytes = (object.map.len() - CHUNK_HEADER_BYTES) as u64;
+            match read_mapped(&object.map, 0, stored_bytes, descriptor, &object.verified) {
+                Err(Fault::Corrupt(_)) => {}
+                result => {
+                    let chunk = result.map_err(at)?;
+                    // A decoded chunk has no use for its mapping any more.
+                    if object.verified.load(Ordering::Acquire) {
+                        self.objects.lock().expect("no panic under this lock").entry(digest).or_insert(object);
+                    }
+                    return Ok(Some(chunk));
+                }
+            }
+        }
+        let Some((_, bytes)) = os::open_sized(&path)? else { return Ok(None) };
+        let whole = os::read_aligned(&path, 0, bytes)?;
+        read_owned(whole, bytes.saturating_sub(CHUNK_HEADER_BYTES as u64), descriptor).map(Some).map_err(at)
+    }
+}
+
+fn map_file(path: &Path) -> Option<Arc<Map>> {
+    if N_MAPS.load(Ordering::Relaxed) >= MAX_MAPS {
+        return None;
+    }
+    let (file, bytes) = os::open_sized(path).ok()??;
+    if bytes == 0 {
+        return None;
+    }
+    let map = Map::new(&file).ok()?;
+    N_MAPS.fetch_add(1, Ordering::Relaxed);
+    Some(Arc::new(map))
+}
+
+impl Drop for Map {
+    fn drop(&mut self) {
+        N_MAPS.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+fn expect_stored(bytes: &[u8], stored_bytes: u64, descriptor: &Descriptor) -> Result<ChunkHeader, Fault> {
+    let header = expect_header(bytes, descriptor)?;
+    if header.stored_bytes == stored_bytes {
+        Ok(header)
+    } else {
+        Err(Fault::Corrupt("its length on disk is not the one it was written with"))
+    }
+}
+
+fn read_mapped(map: &Arc<Map>, offset: u64, stored_bytes: u64, descriptor: &Descriptor, verified: &AtomicBool) -> Result<Chunk, Fault> {
+    let start = usize::try_from(offset).unwrap_or(usize::MAX);
+    let whole = map.get(start..).and_then(|rest| rest.get(..CHUNK_HEADER_BYTES.checked_add(usize::try_from(stored_bytes).ok()?)?));
+    let whole = whole.ok_or(Fault::Corrupt("the file is cut short"))?;
+    let header = expect_stored(whole, stored_bytes, descriptor)?;
+    let stored = &whole[CHUNK_HEADER_BYTES..];
+    if header.form == Form::Zstd {
+        return decode_zstd(&header, stored).map(Chunk::owned);
+    }
+    if !verified.load(Ordering::Acquire) {
+        verify_raw(&header, stored)?;
+        verified.store(true, Ordering::Release);
+    }
+    let payload = start + CHUNK_HEADER_BYTES;
+    Ok(Chunk::mapped(map.clone(), payload..payload + stored.len()))
+}
+
+fn read_owned(bytes: Option<AlignedBytes>, stored_bytes: u64, descriptor: &Descriptor) -> Result<Chunk, Fault> {
+    let bytes = bytes.ok_or(Fault::Corrupt("the file is cut short"))?;
+    let header = expect_stored(bytes.as_ref(), stored_bytes, descriptor)?;
+    let stored = &bytes.as_ref()[CHUNK_HEADER_BYTES..];
+    if header.form == Form::Zstd {
+        return decode_zstd(&header, stored).map(Chunk::owned);
+    }
+    verify_raw(&header, stored)?;
+    Ok(Chunk::owned_from(bytes, CHUNK_HEADER_BYTES))
+}

@@ -1,0 +1,87 @@
+//! Roots: which assets are sealed. What a root reaches is never swept.
+//!
+//! `roots/<asset digest>` is four lines of text, byte for byte as [`Root::text`] writes them. The manifest itself is an object of its own.
+
+use crate::fault::FaultPoint;
+use crate::{Chunk, ChunkSource, Store, StoreError, digest_of, os};
+use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
+
+const MAX_BYTES: u64 = 4096;
+
+/// A sealed asset.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Root {
+    /// Digest of the asset's content.
+    pub asset: Digest,
+    /// Digest of the manifest file, report included.
+    pub manifest: Digest,
+    /// Length of the manifest file.
+    pub manifest_bytes: u64,
+}
+
+impl Root {
+    fn text(&self) -> String {
+        let head = format!("prelight root 1\nasset {}\nmanifest {} {}\n", self.asset, self.manifest, self.manifest_bytes);
+        format!("{head}check {}\n", digest_of(head.as_bytes()))
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        let mut lines = text.lines().skip(1);
+        let asset = lines.next()?.strip_prefix("asset ")?.parse().ok()?;
+        let (manifest, bytes) = lines.next()?.strip_prefix("manifest ")?.split_once(' ')?;
+        let root = Root { asset, manifest: manifest.parse().ok()?, manifest_bytes: bytes.parse().ok()? };
+        (root.text() == text).then_some(root)
+    }
+}
+
+impl Store {
+    /// Puts the manifest into the store and makes the asset a root; once this returns, it survives a power cut. Sealing again replaces the
+    /// manifest that the root names (its report may differ).
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn seal(&self, asset_digest: Digest, manifest_json: &[u8]) -> Result<(), StoreError> {
+        let inner = &self.inner;
+        let mut writer = self.writer();
+        let manifest = writer.put_bytes(manifest_json, true)?;
+        let temp = writer.temp_folder()?.join("root");
+        let root = Root { asset: asset_digest, manifest, manifest_bytes: manifest_json.len() as u64 };
+        let file = os::write_new(&temp, &[root.text().as_bytes()])?;
+        os::sync_file(&file, &temp)?;
+        inner.pass(FaultPoint::RootWritten)?;
+        writer.commit_chunks()?;
+        let folder = inner.dir.join("roots");
+        os::rename(&temp, &folder.join(asset_digest.to_string()))?;
+        inner.pass(FaultPoint::RootRenamed)?;
+        os::sync_path(&folder)
+    }
+
+    /// All sealed assets, in the order of their digests. A damaged root is named in [`Store::problems`].
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn roots(&self) -> Result<Vec<Root>, StoreError> {
+        let folder = self.inner.dir.join("roots");
+        let mut roots = Vec::new();
+        for name in os::list(&folder)? {
+            let name = name.to_string_lossy();
+            let Ok(asset) = name.parse::<Digest>() else { continue };
+            let text = os::read_small(&folder.join(&*name), MAX_BYTES)?.unwrap_or_default();
+            match Root::parse(&String::from_utf8_lossy(&text)).filter(|root| root.asset == asset) {
+                Some(root) => roots.push(root),
+                None => self.inner.problem(format!("roots/{name} is damaged: seal the asset again by baking it")),
+            }
+        }
+        Ok(roots)
+    }
+
+    /// The manifest of a sealed asset, as JSON text.
+    ///
+    /// # Errors
+    /// As [`ChunkSource::chunk`].
+    pub fn manifest(&self, root: &Root) -> Result<Chunk, StoreError> {
+        // The kind has no meaning here: chunks are found by digest and length.
+        let (digest, bytes) = (root.manifest, root.manifest_bytes);
+        self.chunk(&Descriptor { kind: ChunkKind::Names, digest, bytes, dtype: Dtype::U8, shape: vec![bytes] })
+    }
+}

@@ -1,0 +1,64 @@
+//! How much a store holds.
+
+use crate::{Form, Store, StoreError, os};
+
+/// Counts and bytes of a store.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stats {
+    /// Chunks that are files of their own.
+    pub objects: u64,
+    /// Bytes of their files.
+    pub object_bytes: u64,
+    /// Packs.
+    pub packs: u64,
+    /// Bytes of their files.
+    pub pack_bytes: u64,
+    /// Different chunks in packs.
+    pub packed_chunks: u64,
+    /// Their plain bytes.
+    pub packed_plain_bytes: u64,
+    /// Those of them that are compressed.
+    pub packed_compressed: u64,
+    /// Ledger segments that could be read.
+    pub segments: u64,
+    /// Different records in them.
+    pub records: u64,
+    /// Sealed assets.
+    pub roots: u64,
+    /// Chunks found corrupt and not yet written anew.
+    pub bad_chunks: u64,
+}
+
+impl Store {
+    /// Counts what is there; lists folders, reads no chunk.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn stats(&self) -> Result<Stats, StoreError> {
+        let dir = self.dir();
+        let mut stats = Stats::default();
+        for fan in os::list(&dir.join("objects"))? {
+            for (_, bytes) in os::list_sized(&dir.join("objects").join(fan))? {
+                stats.objects += 1;
+                stats.object_bytes += bytes;
+            }
+        }
+        for (_, bytes) in os::list_sized(&dir.join("packs"))? {
+            stats.packs += 1;
+            stats.pack_bytes += bytes;
+        }
+        {
+            let index = self.inner.index.read().expect("no panic under this lock");
+            stats.packed_chunks = index.n_chunks() as u64;
+            for entry in index.packs().flat_map(|pack| &pack.entries) {
+                stats.packed_plain_bytes += entry.plain_bytes;
+                stats.packed_compressed += u64::from(entry.form == Form::Zstd);
+            }
+        }
+        let ledger = self.inner.ledger.read().expect("no panic under this lock");
+        (stats.segments, stats.records) = (ledger.n_segments() as u64, ledger.n_records() as u64);
+        stats.roots = self.roots()?.len() as u64;
+        stats.bad_chunks = self.inner.bad.lock().expect("no panic under this lock").len() as u64;
+        Ok(stats)
+    }
+}

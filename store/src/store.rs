@@ -1,0 +1,320 @@
+//! A store on disk: opening, looking up, and what is wrong with it.
+
+use crate::bad::BadList;
+use crate::fault::{FaultHook, FaultPoint, Faults};
+use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
+use crate::index::{Index, PackFile, Place};
+use crate::ledger::{Ledger, Record};
+use crate::read::ObjectMap;
+use crate::{FormChoice, ShardWriter, StoreError, identity, os};
+use prelight_manifests::{Descriptor, Digest};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, RwLock};
+
+/// Segments longer than this are not ours.
+const MAX_SEGMENT: u64 = u32::MAX as u64;
+
+/// Whether files are mapped or read into memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mapping {
+    /// Mapped on local file systems, read on network ones.
+    #[default]
+    Auto,
+    /// Always read.
+    Never,
+}
+
+/// How a store is opened.
+#[derive(Clone, Default)]
+pub struct StoreOptions {
+    create: bool,
+    mapping: Mapping,
+    form: FormChoice,
+    hook: Option<FaultHook>,
+}
+
+impl StoreOptions {
+    /// An existing store; files mapped where that is safe; compressed where that pays.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Makes the store when there is none.
+    pub fn create(mut self, create: bool) -> Self {
+        self.create = create;
+        self
+    }
+
+    /// Whether files are mapped.
+    pub fn mapping(mut self, mapping: Mapping) -> Self {
+        self.mapping = mapping;
+        self
+    }
+
+    /// The form of new chunks.
+    pub fn form(mut self, form: FormChoice) -> Self {
+        self.form = form;
+        self
+    }
+
+    /// For tests: called at every step of the publish path.
+    pub fn fault_hook(mut self, hook: FaultHook) -> Self {
+        self.hook = Some(hook);
+        self
+    }
+
+    /// Opens the store in `dir`.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], [`StoreError::Format`], [`StoreError::Damaged`] for store.json, and what the system says. Damaged packs
+    /// and segments are no errors: see [`Store::problems`].
+    pub fn open(self, dir: impl AsRef<Path>) -> Result<Store, StoreError> {
+        Store::open_with(dir.as_ref(), self)
+    }
+}
+
+/// A content-addressed store in a folder. Cheap to clone: all clones are the same store. Safe to share between threads; other processes may
+/// use the same folder at the same time.
+#[derive(Clone)]
+pub struct Store {
+    pub(crate) inner: Arc<Inner>,
+}
+
+pub(crate) struct Inner {
+    pub dir: PathBuf,
+    pub id: String,
+    pub use_maps: bool,
+    pub form: FormChoice,
+    faults: Faults,
+    pub index: RwLock<Index>,
+    pub ledger: RwLock<Ledger>,
+    pub bad: Mutex<BadList>,
+    pub objects: Mutex<BTreeMap<Digest, Arc<ObjectMap>>>,
+    problems: Mutex<Vec<String>>,
+}
+
+impl fmt::Debug for Store {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Store({})", self.inner.dir.display())
+    }
+}
+
+impl Store {
+    /// Opens an existing store.
+    ///
+    /// # Errors
+    /// As [`StoreOptions::open`]; [`StoreError::NotFound`] when `dir` holds no store.
+    pub fn open(dir: impl AsRef<Path>) -> Result<Self, StoreError> {
+        StoreOptions::new().open(dir)
+    }
+
+    /// Opens a store, and makes one when `dir` holds none.
+    ///
+    /// # Errors
+    /// As [`StoreOptions::open`].
+    pub fn open_or_create(dir: impl AsRef<Path>) -> Result<Self, StoreError> {
+        StoreOptions::new().create(true).open(dir)
+    }
+
+    fn open_with(dir: &Path, options: StoreOptions) -> Result<Self, StoreError> {
+        let id = match identity::read(dir) {
+            Err(StoreError::NotFound { .. }) if options.create => {
+                for folder in ["tmp", "objects", "packs", "ledger", "roots", "bad"] {
+                    os::make_dir(&dir.join(folder))?;
+                }
+                identity::create(dir)?
+            }
+            other => other?,
+        };
+        let mut problems = Vec::new();
+        let bad = BadList::read(dir, &mut problems)?;
+        let inner = Inner {
+            dir: dir.to_path_buf(),
+            id,
+            use_maps: options.mapping == Mapping::Auto && !os::is_network(dir),
+            form: options.form,
+            faults: Faults::new(options.hook),
+            index: RwLock::default(),
+            ledger: RwLock::default(),
+            bad: Mutex::new(bad),
+            objects: Mutex::default(),
+            problems: Mutex::new(problems),
+        };
+        let store = Store { inner: Arc::new(inner) };
+        store.refresh()?;
+        Ok(store)
+    }
+
+    /// The store's folder.
+    pub fn dir(&self) -> &Path {
+        &self.inner.dir
+    }
+
+    /// The store's random id: 32 hexadecimal digits.
+    pub fn id(&self) -> &str {
+        &self.inner.id
+    }
+
+    /// Picks up what other processes have published since; gives the number of new segments and packs.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn refresh(&self) -> Result<usize, StoreError> {
+        // Segments first: a segment that is listed names packs that are there by then.
+        let segments = self.inner.read_new_segments()?;
+        let n_packs = self.inner.load_new_packs()?;
+        let n_segments = segments.len();
+        let damaged = self.inner.ledger.write().expect("no panic under this lock").add(segments);
+        for (name, what) in &damaged {
+            self.inner.problem(format!("ledger/{name} is damaged ({what}): its patches will be baked again"));
+        }
+        Ok(n_packs + n_segments - damaged.len())
+    }
+
+    /// What is wrong with files of this store, one line each; empty in health. Nothing here is fatal: what is damaged is baked again.
+    pub fn problems(&self) -> Vec<String> {
+        self.inner.problems.lock().expect("no panic under this lock").clone()
+    }
+
+    /// The record of a key, when every chunk that it names is here; of several the one whose digest is smallest.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn lookup(&self, key: &Digest) -> Result<Option<Record>, StoreError> {
+        for record in self.records(key) {
+            if self.has_all(&record.chunks)? {
+                return Ok(Some(record));
+            }
+        }
+        Ok(None)
+    }
+
+    /// All complete records of a key, in an order that no clock, listing or writer decides.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn lookup_all(&self, key: &Digest) -> Result<Vec<Record>, StoreError> {
+        let mut complete = Vec::new();
+        for record in self.records(key) {
+            if self.has_all(&record.chunks)? {
+                complete.push(record);
+            }
+        }
+        Ok(complete)
+    }
+
+    fn records(&self, key: &Digest) -> Vec<Record> {
+        self.inner.ledger.read().expect("no panic under this lock").get(key)
+    }
+
+    fn has_all(&self, chunks: &[Descriptor]) -> Result<bool, StoreError> {
+        for chunk in chunks {
+            if !self.contains(chunk)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Whether the chunk is here, by index or by header and size; its bytes are verified only when they are read.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn contains(&self, descriptor: &Descriptor) -> Result<bool, StoreError> {
+        Ok(self.inner.find(&descriptor.digest, descriptor.bytes)?.is_some())
+    }
+
+    /// A writer for one shard.
+    pub fn writer(&self) -> ShardWriter {
+        ShardWriter::new(self.inner.clone())
+    }
+}
+
+/// Where a chunk that the store has lies.
+pub(crate) enum Found {
+    Packed(Place),
+    Object(PathBuf),
+}
+
+impl Inner {
+    pub fn object_name(digest: &Digest) -> String {
+        let hex = digest.to_string();
+        format!("objects/{}/{hex}", &hex[..2])
+    }
+
+    pub fn problem(&self, line: String) {
+        let mut problems = self.problems.lock().expect("no panic under this lock");
+        if !problems.contains(&line) {
+            problems.push(line);
+        }
+    }
+
+    /// A step of the publish path has happened.
+    pub fn pass(&self, point: FaultPoint) -> Result<(), StoreError> {
+        self.faults.pass(point).map_err(os::fail(point.name(), &self.dir))
+    }
+
+    /// Where a chunk lies, in its full length. An object that is too short, too long or has a damaged header counts as absent.
+    pub fn find(&self, digest: &Digest, plain_bytes: u64) -> Result<Option<Found>, StoreError> {
+        let place = self.index.read().expect("no panic under this lock").get(digest).cloned();
+        if let Some(place) = place.filter(|place| place.entry().plain_bytes == plain_bytes) {
+            return Ok(Some(Found::Packed(place)));
+        }
+        let path = self.dir.join(Self::object_name(digest));
+        let Some((mut file, bytes)) = os::open_sized(&path)? else { return Ok(None) };
+        let mut head = [0; CHUNK_HEADER_BYTES];
+        if !os::read_at(&mut file, &path, 0, &mut head)? {
+            return Ok(None);
+        }
+        let whole = ChunkHeader::decode(&head).is_ok_and(|header| {
+            let size = header.stored_bytes.checked_add(CHUNK_HEADER_BYTES as u64);
+            header.digest == *digest && header.plain_bytes == plain_bytes && size == Some(bytes)
+        });
+        Ok(whole.then_some(Found::Object(path)))
+    }
+
+    fn read_new_segments(&self) -> Result<Vec<(String, Vec<u8>)>, StoreError> {
+        let folder = self.dir.join("ledger");
+        let mut segments = Vec::new();
+        for name in os::list(&folder)? {
+            let Some(name) = name.to_str().filter(|name| name.ends_with(".segment")) else { continue };
+            if self.ledger.read().expect("no panic under this lock").has_segment(name) {
+                continue;
+            }
+            match os::read_small(&folder.join(name), MAX_SEGMENT) {
+                Ok(Some(bytes)) => segments.push((name.to_string(), bytes)),
+                Ok(None) => {}
+                Err(error) => self.problem(format!("ledger/{name} cannot be read: {error}")),
+            }
+        }
+        Ok(segments)
+    }
+
+    /// Reads the indexes of packs that are not known yet; gives their number.
+    pub fn load_new_packs(&self) -> Result<usize, StoreError> {
+        let mut packs = Vec::new();
+        for name in os::list(&self.dir.join("packs"))? {
+            let Some(name) = name.to_str().filter(|name| name.ends_with(".pack")) else { continue };
+            if self.index.read().expect("no panic under this lock").has_pack(name) {
+                continue;
+            }
+            match PackFile::read(&self.dir, name) {
+                Ok(Some((pack, damage))) => {
+                    if let Some(what) = damage {
+                        let left = pack.entries.len();
+                        self.problem(format!("packs/{name} is damaged ({what}): {left} chunks found by scanning it"));
+                    }
+                    packs.push((name.to_string(), pack));
+                }
+                Ok(None) => {}
+                Err(error) => self.problem(format!("packs/{name} cannot be read: {error}")),
+            }
+        }
+        let count = packs.len();
+        let bad = self.bad.lock().expect("no panic under this lock");
+        self.index.write().expect("no panic under this lock").add(packs, &bad);
+        Ok(count)
+    }
+}
