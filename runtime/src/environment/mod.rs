@@ -1,1 +1,22 @@
-//! (in progress)
+//! Environments: images of distant light, and the light that techniques prepare from them.
+//!
+//! ```text
+//! .hdr, .exr ──decode──> Environment ──splat──> LightCubemap (flux and moment per texel)
+//!                            ├── radiance(direction): the exact environment, constant per source pixel
+//!                            └── EnvironmentSampler: directions by luminance × solid angle
+//! ```
+//!
+//! Conventions: latitude-longitude images with rows from the top, linear Rec.709 radiance. The unit direction (x, y, z) is
+//! read at u = atan2(z, x)/2π + ½, v = ½ − asin(y)/π from the top, and longitude wraps. So +X is the centre of the image,
+//! +Z three quarters to the right, −X the seam and +Y the top row. `rotate_y_deg` turns the light right-handed about +Y: at 90,
+//! what was at +X stands at −Z.
+
+mod image;
+mod light_cubemap;
+mod splat;
+#[cfg(test)]
+mod splat_tests;
+
+pub use image::Environment;
+pub use light_cubemap::{EnergyReport, LightCubemap};
+pub use splat::Splatter;
