@@ -21,7 +21,7 @@ pub enum ManifestError {
     /// A value outside its range.
     #[error("{file}: {field} = {value}, expected {expected}")]
     Range {
-        /// Name given by the caller.
+        /// Name given by the caller, with line and column where known.
         file: String,
         /// Path of the field, as `bake.edge_length`.
         field: String,
@@ -49,5 +49,15 @@ pub enum ManifestError {
         found: String,
         /// Names this build has.
         known: String,
+    },
+    /// Understood, but not possible here.
+    #[error("{file}: {what}\n  help: {help}")]
+    Unsupported {
+        /// Name given by the caller, with line and column where known.
+        file: String,
+        /// What cannot be done.
+        what: String,
+        /// What to do instead.
+        help: String,
     },
 }

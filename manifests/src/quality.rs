@@ -46,11 +46,11 @@ pub struct Knobs {
     /// Point budget, turned into an edge length once when no edge length is given.
     pub points: u64,
     /// Degrees between the normals at an edge's ends above which it is split, 1..=180.
-    pub normal_angle_deg: f32,
+    pub normal_angle_deg: f64,
     /// Shortest edge that refinement at shadow edges makes, as a share of the edge length, in 0..=1.
-    pub area_floor: f32,
+    pub area_floor: f64,
     /// Relative L2 of radiance aimed at, per object.
-    pub max_error: f32,
+    pub max_error: f64,
     /// Texels along a cubemap face's side, 64 or 128.
     pub face_resolution: u32,
     /// How long the BVH build may take.

@@ -1,0 +1,151 @@
+//! Ranges, names that must be unique, and what this build cannot do yet.
+
+use super::position::place;
+use super::{Brdf, SceneManifest};
+use crate::ManifestError;
+use std::fmt::Display;
+
+/// Longest edge that makes sense, metres: beyond it f32 positions no longer tell neighbours apart.
+const MAX_EDGE_LENGTH: f64 = 1e6;
+/// Shortest edge, metres.
+const MIN_EDGE_LENGTH: f64 = 1e-6;
+/// Radiance and intensity beyond this overflow f32 sums over a cubemap.
+const MAX_RADIANCE: f64 = 1e12;
+
+struct Checker<'a> {
+    file: &'a str,
+    text: &'a str,
+}
+
+impl Checker<'_> {
+    fn range(&self, field: &str, value: impl Display, expected: impl Display) -> ManifestError {
+        ManifestError::Range {
+            file: place(self.file, self.text, field),
+            field: field.to_string(),
+            value: value.to_string(),
+            expected: expected.to_string(),
+        }
+    }
+
+    fn unsupported(&self, field: &str, what: &str, help: &str) -> ManifestError {
+        ManifestError::Unsupported { file: place(self.file, self.text, field), what: what.to_string(), help: help.to_string() }
+    }
+
+    /// `None` is fine; NaN is in no range.
+    fn within(&self, field: &str, value: Option<f64>, low: f64, high: f64) -> Result<(), ManifestError> {
+        match value {
+            Some(value) if !(low..=high).contains(&value) => Err(self.range(field, value, format_args!("{low}..={high}"))),
+            _ => Ok(()),
+        }
+    }
+
+    fn edge_length(&self, field: &str, value: Option<f64>) -> Result<(), ManifestError> {
+        match value {
+            Some(value) if !(MIN_EDGE_LENGTH..=MAX_EDGE_LENGTH).contains(&value) => {
+                Err(self.range(field, value, format_args!("metres in {MIN_EDGE_LENGTH}..={MAX_EDGE_LENGTH}")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn not_empty(&self, field: &str, value: &str) -> Result<(), ManifestError> {
+        if value.trim().is_empty() { Err(self.range(field, "\"\"", "some text")) } else { Ok(()) }
+    }
+}
+
+/// Everything about the values that types cannot say.
+pub fn check(manifest: &SceneManifest, file: &str, text: &str) -> Result<(), ManifestError> {
+    let checker = Checker { file, text };
+    if manifest.format == 0 {
+        return Err(checker.range("format", 0, 1));
+    }
+    check_source(manifest, &checker)?;
+    check_environments(manifest, &checker)?;
+
+    let bake = &manifest.bake;
+    checker.edge_length("bake.edge_length", bake.edge_length)?;
+    checker.within("bake.max_error", bake.max_error, 1e-4, 1.0)?;
+    checker.within("bake.normal_angle_deg", bake.normal_angle_deg, 1.0, 180.0)?;
+    checker.within("bake.area_floor", bake.area_floor, 1e-3, 1.0)?;
+    if let Some(face) = bake.face_resolution.filter(|face| *face != 64 && *face != 128) {
+        return Err(checker.range("bake.face_resolution", face, "64 or 128"));
+    }
+    check_materials(manifest, &checker)?;
+    for (i, rule) in manifest.object.iter().enumerate() {
+        checker.not_empty(&format!("object[{i}].match"), &rule.pattern)?;
+        checker.edge_length(&format!("object[{i}].edge_length"), rule.edge_length)?;
+    }
+    if let Some(memory) = manifest.limits.memory.filter(|memory| memory.0 < 1 << 20) {
+        return Err(checker.range("limits.memory", memory, "1MiB or more"));
+    }
+    Ok(())
+}
+
+fn check_source(manifest: &SceneManifest, checker: &Checker) -> Result<(), ManifestError> {
+    let source = &manifest.scene;
+    match (&source.gltf, source.part.is_empty()) {
+        (Some(gltf), true) => checker.not_empty("scene.gltf", gltf),
+        (None, true) => Err(checker.unsupported("scene", "[scene] names no file", "write `gltf = \"room.glb\"` in it")),
+        (Some(_), false) => {
+            Err(checker.unsupported("scene.gltf", "[scene] has both `gltf` and `part`", "keep one: a single file, or parts"))
+        }
+        (None, false) => {
+            for (i, part) in source.part.iter().enumerate() {
+                checker.not_empty(&format!("scene.part[{i}].gltf"), &part.gltf)?;
+                checker.not_empty(&format!("scene.part[{i}].name"), &part.name)?;
+                if source.part[..i].iter().any(|before| before.name == part.name) {
+                    let value = format!("\"{}\"", part.name);
+                    return Err(checker.range(&format!("scene.part[{i}].name"), value, "a name that no part before it has"));
+                }
+                if part.translate.iter().any(|x| !x.is_finite()) {
+                    let value = format!("{:?}", part.translate);
+                    return Err(checker.range(&format!("scene.part[{i}].translate"), value, "three finite numbers"));
+                }
+            }
+            let help = "join the files into one glTF and name it with `gltf`";
+            Err(checker.unsupported("scene.part", "a scene of parts is not in this build yet", help))
+        }
+    }
+}
+
+fn check_environments(manifest: &SceneManifest, checker: &Checker) -> Result<(), ManifestError> {
+    for (i, entry) in manifest.environment.iter().enumerate() {
+        let field = |key: &str| format!("environment[{i}].{key}");
+        checker.not_empty(&field("name"), &entry.name)?;
+        checker.not_empty(&field("image"), &entry.image)?;
+        if manifest.environment[..i].iter().any(|before| before.name == entry.name) {
+            return Err(checker.range(&field("name"), format_args!("\"{}\"", entry.name), "a name that no environment before it has"));
+        }
+        checker.within(&field("rotate_y_deg"), Some(entry.rotate_y_deg), -36_000.0, 36_000.0)?;
+        checker.within(&field("intensity"), Some(entry.intensity), 0.0, MAX_RADIANCE)?;
+    }
+    Ok(())
+}
+
+fn check_materials(manifest: &SceneManifest, checker: &Checker) -> Result<(), ManifestError> {
+    for (i, rule) in manifest.material.iter().enumerate() {
+        let field = |key: &str| format!("material[{i}].{key}");
+        checker.not_empty(&field("match"), &rule.pattern)?;
+        if let Some(color) = &rule.base_color {
+            if !(3..=4).contains(&color.len()) || color.iter().any(|x| !(0.0..=1.0).contains(x)) {
+                return Err(checker.range(&field("base_color"), format_args!("{color:?}"), "3 or 4 numbers in 0..=1"));
+            }
+        }
+        if let Some(emissive) = rule.emissive.filter(|color| color.iter().any(|x| !(0.0..=MAX_RADIANCE).contains(x))) {
+            return Err(checker.range(&field("emissive"), format_args!("{emissive:?}"), "three numbers, 0 or more"));
+        }
+        checker.within(&field("roughness"), rule.roughness, 0.0, 1.0)?;
+        checker.within(&field("metallic"), rule.metallic, 0.0, 1.0)?;
+        checker.within(&field("alpha_cutoff"), rule.alpha_cutoff, 0.0, 1.0)?;
+        if let Some(brdf) = &rule.brdf {
+            let what = match brdf {
+                Brdf::Ward { .. } => "the `ward` surface is not in this build yet",
+                Brdf::Phong { .. } => "the `phong` surface is not in this build yet",
+                Brdf::Measured { .. } => "the `measured` surface is not in this build yet",
+            };
+            let help = "take `brdf` out and set base_color, roughness and metallic";
+            return Err(checker.unsupported(&field("brdf"), what, help));
+        }
+    }
+    Ok(())
+}

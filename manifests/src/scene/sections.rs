@@ -1,0 +1,211 @@
+//! The tables of `scene.toml`. The comments of fields here are the descriptions in the JSON schema.
+
+use crate::quality::{BvhBuild, Knobs, Quality};
+use crate::{ByteSize, Technique};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[scene]`: one glTF file, or several parts.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SceneSource {
+    /// A glTF 2.0 file (.glb or .gltf), relative to this file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gltf: Option<String>,
+    /// Several files instead of `gltf`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub part: Vec<ScenePart>,
+}
+
+/// `[[scene.part]]`: one of several glTF files.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ScenePart {
+    /// A glTF 2.0 file, relative to this file.
+    pub gltf: String,
+    /// First part of its objects' names; unique.
+    pub name: String,
+    /// Moves it, metres.
+    #[serde(default)]
+    pub translate: [f64; 3],
+}
+
+/// `[[environment]]`: a light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct EnvironmentEntry {
+    /// What `render -e` calls it; unique.
+    pub name: String,
+    /// Lat-long image, .hdr or .exr, relative to this file.
+    pub image: String,
+    /// Turns it about the vertical, degrees, right-handed: at 90 what was at +X stands at -Z.
+    #[serde(default)]
+    pub rotate_y_deg: f64,
+    /// Multiplies its radiance, 0 or more.
+    #[serde(default = "one")]
+    #[schemars(range(min = 0.0))]
+    pub intensity: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// `[bake]`: a preset, and knobs that win over it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BakeSection {
+    /// Preset of all knobs.
+    #[serde(default)]
+    pub quality: Quality,
+    /// Longest edge of the refined mesh, metres. `prelight plan --points N` prints one for a budget of points.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub edge_length: Option<f64>,
+    /// Relative L2 of radiance aimed at, per object, 0.0001 to 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0001, max = 1.0))]
+    pub max_error: Option<f64>,
+    /// How transport is represented.
+    #[serde(default)]
+    pub technique: Technique,
+    /// Edges whose end normals differ by more are split, degrees, 1 to 180.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 1.0, max = 180.0))]
+    pub normal_angle_deg: Option<f64>,
+    /// Edges at shadow borders are split down to this share of `edge_length`, 0.001 to 1. At 1 they are not split.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.001, max = 1.0))]
+    pub area_floor: Option<f64>,
+    /// Texels along the side of a cubemap face, 64 or 128.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("enum" = [64, 128]))]
+    pub face_resolution: Option<u32>,
+    /// How long the BVH build may take. Changes no bit of the result.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bvh: Option<BvhBuild>,
+}
+
+impl BakeSection {
+    /// The preset's knobs with those of this section over them.
+    pub fn knobs(&self) -> Knobs {
+        let preset = self.quality.knobs();
+        Knobs {
+            points: preset.points,
+            normal_angle_deg: self.normal_angle_deg.unwrap_or(preset.normal_angle_deg),
+            area_floor: self.area_floor.unwrap_or(preset.area_floor),
+            max_error: self.max_error.unwrap_or(preset.max_error),
+            face_resolution: self.face_resolution.unwrap_or(preset.face_resolution),
+            bvh: self.bvh.unwrap_or(preset.bvh),
+        }
+    }
+}
+
+/// `[[material]]`: changes the materials whose names match. A value replaces the glTF factor; a texture still multiplies it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialRule {
+    /// Glob over material names, as `Vase*`.
+    #[serde(rename = "match")]
+    pub pattern: String,
+    /// Linear base colour, 3 or 4 numbers in 0..1; the fourth is opacity.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(length(min = 3, max = 4))]
+    pub base_color: Option<Vec<f64>>,
+    /// 0 mirror .. 1 rough.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub roughness: Option<f64>,
+    /// 0 dielectric .. 1 metal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub metallic: Option<f64>,
+    /// Emitted linear radiance, 0 or more. Shown, not transported.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub emissive: Option<[f64; 3]>,
+    /// What alpha does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alpha_mode: Option<AlphaModeName>,
+    /// Alpha at and above which a `mask` surface exists, 0..1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub alpha_cutoff: Option<f64>,
+    /// Whether a `blend` surface blocks light; without it, it does from opacity 0.5 up.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub occludes: Option<bool>,
+    /// Seen and shaded from both sides.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub double_sided: Option<bool>,
+    /// A surface that glTF does not have.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub brdf: Option<Brdf>,
+}
+
+/// What alpha does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AlphaModeName {
+    /// Nothing.
+    Opaque,
+    /// Cuts.
+    Mask,
+    /// Drawn over what is behind.
+    Blend,
+}
+
+/// Surfaces beyond glTF.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Brdf {
+    /// Ward's anisotropic lobe over a Lambert base.
+    Ward {
+        /// Linear diffuse albedo.
+        diffuse: [f64; 3],
+        /// Linear specular albedo.
+        specular: [f64; 3],
+        /// Widths along tangent and bitangent.
+        alpha: [f64; 2],
+    },
+    /// Normalised Phong lobe over a Lambert base.
+    Phong {
+        /// Linear diffuse albedo.
+        diffuse: [f64; 3],
+        /// Linear specular albedo.
+        specular: [f64; 3],
+        /// Exponent of the cosine.
+        exponent: f64,
+    },
+    /// A measured isotropic material.
+    Measured {
+        /// MERL `.binary` file, relative to this file.
+        file: String,
+    },
+}
+
+/// `[[object]]`: knobs of the objects whose names match.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectRule {
+    /// Glob over object names: paths of node names, as `**/Sofa*`.
+    #[serde(rename = "match")]
+    pub pattern: String,
+    /// Preset of this object's knobs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Quality>,
+    /// How its transport is represented.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub technique: Option<Technique>,
+    /// Longest edge of its refined mesh, metres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub edge_length: Option<f64>,
+}
+
+/// `[limits]`: what the bake may use.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Limits {
+    /// Most memory, as "12GiB". `--memory` wins over it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub memory: Option<ByteSize>,
+}
