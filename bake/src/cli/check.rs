@@ -3,6 +3,7 @@
 use super::args::SceneArgs;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
+use prelight_bake::scene::input::SceneInput;
 
 /// What `--deny` turns into a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -22,6 +23,7 @@ pub struct CheckArgs {
 }
 
 /// Runs the verb.
-pub fn run(_args: CheckArgs, _context: &Context) -> Result<Summary, Failure> {
+pub fn run(args: CheckArgs, _context: &Context) -> Result<Summary, Failure> {
+    SceneInput::open(&args.scene.scene)?;
     Err(Failure::text(ExitCode::Failed, "`check` is not in this build yet"))
 }

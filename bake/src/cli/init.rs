@@ -1,8 +1,12 @@
 //! `prelight init`: a commented scene.toml for a glTF file.
 
+use super::output::write_atomically;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
-use std::path::PathBuf;
+use prelight_bake::BakeError;
+use prelight_bake::scene::input::SceneInput;
+use prelight_manifests::scene::template::Template;
+use std::path::{Component, Path, PathBuf};
 
 /// Write a commented scene.toml for a glTF file
 #[derive(Args, Debug)]
@@ -19,6 +23,77 @@ pub struct InitArgs {
 }
 
 /// Runs the verb.
-pub fn run(_args: InitArgs, _context: &Context) -> Result<Summary, Failure> {
-    Err(Failure::text(ExitCode::Failed, "`init` is not in this build yet"))
+pub fn run(args: InitArgs, context: &Context) -> Result<Summary, Failure> {
+    let input = SceneInput::open(&args.gltf)?;
+    if input.gltf_path() != args.gltf {
+        let text = format!("{} is a scene manifest already\n  help: name a .glb or .gltf file", args.gltf.display());
+        return Err(Failure::text(ExitCode::Input, text));
+    }
+    if args.output.extension().is_none_or(|extension| extension != "toml") {
+        let text = format!("{} does not end in .toml, so no command would read it\n  help: -o scene.toml", args.output.display());
+        return Err(Failure::text(ExitCode::Usage, text));
+    }
+    if args.output.symlink_metadata().is_ok() && !args.force {
+        let text = format!("{} exists\n  help: --force replaces it, -o FILE writes another", args.output.display());
+        return Err(Failure::text(ExitCode::Failed, text));
+    }
+    let gltf = relative_path(&args.gltf, &args.output)?;
+    let template = Template { gltf, ..Template::default() };
+    let text = template.text();
+    if !context.dry_run {
+        write_atomically(&args.output, |out| out.write_all(text.as_bytes()))?;
+    }
+    let mut summary = Summary::new();
+    summary.set("scene", args.output.display().to_string()).set("gltf", template.gltf);
+    summary.set_text(if context.dry_run { text } else { format!("{}\n", args.output.display()) });
+    Ok(summary)
+}
+
+/// How a manifest at `manifest` names `file`: a path relative to the manifest's folder, with `/` between its steps.
+fn relative_path(file: &Path, manifest: &Path) -> Result<String, BakeError> {
+    let folder = match manifest.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let from = folder.canonicalize().map_err(|source| BakeError::output(manifest, source))?;
+    let parent = match file.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    // The file's own name stays as given: a link to a file elsewhere keeps its name and the textures beside it.
+    let parent = parent.canonicalize().map_err(|source| BakeError::input(file, source))?;
+    let to = parent.join(file.file_name().unwrap_or_default());
+
+    let same = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
+    let mut steps = vec!["..".to_string(); from.components().count() - same];
+    for component in to.components().skip(same) {
+        if !matches!(component, Component::Prefix(_) | Component::RootDir) {
+            steps.push(component.as_os_str().to_string_lossy().into_owned());
+        }
+    }
+    Ok(steps.join("/"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_lead_from_the_manifest_to_the_file() {
+        let root = tempfile::tempdir().unwrap();
+        for folder in ["a/b", "c"] {
+            std::fs::create_dir_all(root.path().join(folder)).unwrap();
+        }
+        let cases = [
+            ("room.glb", "scene.toml", "room.glb"),
+            ("a/room.glb", "scene.toml", "a/room.glb"),
+            ("room.glb", "a/b/scene.toml", "../../room.glb"),
+            ("c/room.glb", "a/b/scene.toml", "../../c/room.glb"),
+            ("a/../c/room.glb", "c/scene.toml", "room.glb"),
+        ];
+        for (file, manifest, expected) in cases {
+            assert_eq!(relative_path(&root.path().join(file), &root.path().join(manifest)).unwrap(), expected);
+        }
+        assert!(relative_path(&root.path().join("room.glb"), &root.path().join("missing/scene.toml")).is_err());
+    }
 }

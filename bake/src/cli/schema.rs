@@ -1,6 +1,6 @@
 //! `prelight schema`: the JSON schema of scene.toml, for editors.
 
-use super::{Context, ExitCode, Failure, Summary};
+use super::{Context, Failure, Summary};
 use clap::Args;
 
 /// Print the JSON schema of scene.toml
@@ -9,5 +9,8 @@ pub struct SchemaArgs {}
 
 /// Runs the verb.
 pub fn run(_args: SchemaArgs, _context: &Context) -> Result<Summary, Failure> {
-    Err(Failure::text(ExitCode::Failed, "`schema` is not in this build yet"))
+    let schema = prelight_manifests::scene::schema();
+    let mut summary = Summary::new();
+    summary.set_text(format!("{schema:#}\n")).set("schema", schema);
+    Ok(summary)
 }

@@ -3,6 +3,8 @@
 //! [`Scene`] is the file resolved: meshes shared by instances, materials, textures decoded to RGBA8. [`world::World`] is the same
 //! geometry flattened: every instance's triangles in world space, f64 products rounded once.
 
+pub mod input;
+pub mod overrides;
 pub mod world;
 
 use prelight_runtime::draw::camera::SceneCamera;

@@ -126,10 +126,9 @@ fn check_materials(manifest: &SceneManifest, checker: &Checker) -> Result<(), Ma
     for (i, rule) in manifest.material.iter().enumerate() {
         let field = |key: &str| format!("material[{i}].{key}");
         checker.not_empty(&field("match"), &rule.pattern)?;
-        if let Some(color) = &rule.base_color {
-            if !(3..=4).contains(&color.len()) || color.iter().any(|x| !(0.0..=1.0).contains(x)) {
-                return Err(checker.range(&field("base_color"), format_args!("{color:?}"), "3 or 4 numbers in 0..=1"));
-            }
+        let is_color = |color: &Vec<f64>| (3..=4).contains(&color.len()) && color.iter().all(|x| (0.0..=1.0).contains(x));
+        if let Some(color) = rule.base_color.as_ref().filter(|color| !is_color(color)) {
+            return Err(checker.range(&field("base_color"), format_args!("{color:?}"), "3 or 4 numbers in 0..=1"));
         }
         if let Some(emissive) = rule.emissive.filter(|color| color.iter().any(|x| !(0.0..=MAX_RADIANCE).contains(x))) {
             return Err(checker.range(&field("emissive"), format_args!("{emissive:?}"), "three numbers, 0 or more"));

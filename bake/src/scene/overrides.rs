@@ -1,0 +1,217 @@
+//! `[[material]]` and `[[object]]` rules of a scene manifest, applied.
+//!
+//! Patterns are globs: `*`, `?`, `[ab]` and `{a,b}` as in a shell. Materials match by name. Objects match by their path of node names
+//! (`*` stays within one step of it, `**` crosses steps), or, for a pattern without `/`, by the last step. Where several rules match,
+//! the last one that sets a value wins. A rule that matches nothing is a warning: most often a slip of the pen.
+
+use super::{Object, Scene};
+use crate::error::BakeError;
+use globset::{GlobBuilder, GlobMatcher};
+use prelight_manifests::Technique;
+use prelight_manifests::quality::Knobs;
+use prelight_manifests::scene::{AlphaModeName, MaterialRule, SceneManifest};
+use prelight_runtime::surface::{AlphaMode, Material};
+
+/// glTF's default cutoff of MASK.
+const DEFAULT_CUTOFF: f32 = 0.5;
+
+/// What holds for one object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObjectKnobs {
+    /// Longest edge, metres; `None` where neither `[bake]` nor a rule sets one.
+    pub edge_length: Option<f64>,
+    /// How transport is represented; never `Auto`.
+    pub technique: Technique,
+    /// The rest.
+    pub knobs: Knobs,
+}
+
+/// `in_paths`: `/` separates steps, which `*` does not cross.
+fn matcher(field: &str, pattern: &str, in_paths: bool) -> Result<GlobMatcher, BakeError> {
+    let glob = GlobBuilder::new(pattern).literal_separator(in_paths).build();
+    glob.map(|glob| glob.compile_matcher()).map_err(|error| BakeError::Unsupported {
+        what: format!("{field} = \"{pattern}\" is not a glob: {}", error.kind()),
+        help: "use *, **, ?, [ab] and {a,b}; a letter that means itself goes in brackets, as [*]".to_string(),
+    })
+}
+
+/// Whether an object's name matches; see the module's head.
+fn object_matches(glob: &GlobMatcher, pattern: &str, name: &str) -> bool {
+    let last = name.rsplit('/').next().unwrap_or(name);
+    glob.is_match(name) || (!pattern.contains('/') && glob.is_match(last))
+}
+
+/// Applies all `[[material]]` rules to the scene's materials; adds warnings for rules that match nothing.
+pub fn apply_materials(manifest: &SceneManifest, scene: &mut Scene) -> Result<(), BakeError> {
+    for (i, rule) in manifest.material.iter().enumerate() {
+        let glob = matcher(&format!("material[{i}].match"), &rule.pattern, false)?;
+        let mut n_matches = 0;
+        for material in scene.materials.iter_mut().filter(|material| glob.is_match(&material.name)) {
+            apply(rule, material);
+            n_matches += 1;
+        }
+        if n_matches == 0 {
+            scene.warnings.push(format!("material[{i}].match = \"{}\" matches no material", rule.pattern));
+        }
+    }
+    Ok(())
+}
+
+fn apply(rule: &MaterialRule, material: &mut Material) {
+    if let Some(color) = &rule.base_color {
+        for (to, from) in material.base_color.iter_mut().zip(color) {
+            *to = *from as f32;
+        }
+    }
+    if let Some(roughness) = rule.roughness {
+        material.roughness = roughness as f32;
+    }
+    if let Some(metallic) = rule.metallic {
+        material.metallic = metallic as f32;
+    }
+    if let Some(emissive) = rule.emissive {
+        material.emissive = emissive.map(|x| x as f32);
+    }
+    match rule.alpha_mode {
+        Some(AlphaModeName::Opaque) => material.alpha_mode = AlphaMode::Opaque,
+        Some(AlphaModeName::Blend) => material.alpha_mode = AlphaMode::Blend,
+        Some(AlphaModeName::Mask) if !matches!(material.alpha_mode, AlphaMode::Mask { .. }) => {
+            material.alpha_mode = AlphaMode::Mask { cutoff: DEFAULT_CUTOFF };
+        }
+        Some(AlphaModeName::Mask) | None => {}
+    }
+    if let (Some(value), AlphaMode::Mask { cutoff }) = (rule.alpha_cutoff, &mut material.alpha_mode) {
+        *cutoff = value as f32;
+    }
+    if rule.occludes.is_some() {
+        material.occludes = rule.occludes;
+    }
+    if let Some(double_sided) = rule.double_sided {
+        material.double_sided = double_sided;
+    }
+}
+
+/// Knobs of every object, in their order, and warnings for rules that match nothing.
+///
+/// A rule's `quality` replaces the preset; knobs that `[bake]` itself sets stay, and so does its `edge_length` unless the rule has one.
+pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec<ObjectKnobs>, Vec<String>), BakeError> {
+    let mut sections = vec![manifest.bake.clone(); objects.len()];
+    let mut warnings = Vec::new();
+    for (i, rule) in manifest.object.iter().enumerate() {
+        let glob = matcher(&format!("object[{i}].match"), &rule.pattern, true)?;
+        let mut n_matches = 0;
+        for (section, object) in sections.iter_mut().zip(objects) {
+            if object_matches(&glob, &rule.pattern, &object.name) {
+                section.quality = rule.quality.unwrap_or(section.quality);
+                section.technique = rule.technique.unwrap_or(section.technique);
+                section.edge_length = rule.edge_length.or(section.edge_length);
+                n_matches += 1;
+            }
+        }
+        if n_matches == 0 {
+            warnings.push(format!("object[{i}].match = \"{}\" matches no object", rule.pattern));
+        }
+    }
+    let resolve = |section: prelight_manifests::scene::BakeSection| ObjectKnobs {
+        edge_length: section.edge_length,
+        technique: section.technique.resolved(),
+        knobs: section.knobs(),
+    };
+    Ok((sections.into_iter().map(resolve).collect(), warnings))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use prelight_manifests::Quality;
+    use std::sync::Arc;
+
+    fn manifest(rules: &str) -> SceneManifest {
+        SceneManifest::parse("scene.toml", &format!("format = 1\nscene.gltf = \"a.glb\"\n{rules}")).unwrap()
+    }
+
+    fn scene(materials: &[&str], objects: &[&str]) -> Scene {
+        let material = |name: &&str| Material { name: name.to_string(), ..Material::default() };
+        let object = |name: &&str| Object { name: name.to_string(), mesh: Arc::default(), world_from_local: [0.0; 16] };
+        Scene { materials: materials.iter().map(material).collect(), objects: objects.iter().map(object).collect(), ..Scene::default() }
+    }
+
+    #[test]
+    fn the_last_matching_rule_wins_value_by_value() {
+        let rules = r#"
+            [[material]]
+            match = "Vase*"
+            roughness = 0.25
+            base_color = [0.5, 0.25, 0.125]
+            [[material]]
+            match = "Vase Blue"
+            roughness = 0.75
+            alpha_mode = "mask"
+            alpha_cutoff = 0.25
+            occludes = true
+            double_sided = true
+            emissive = [1, 2, 3]
+            metallic = 0
+            [[material]]
+            match = "Vaze"
+        "#;
+        let mut scene = scene(&["Vase Red", "Vase Blue", "Floor", "Vase/Old"], &[]);
+        apply_materials(&manifest(rules), &mut scene).unwrap();
+        let [red, blue, floor, old] = &scene.materials[..] else { panic!() };
+        assert_eq!((red.roughness, red.base_color, red.metallic), (0.25, [0.5, 0.25, 0.125, 1.0], 1.0));
+        assert_eq!((blue.roughness, blue.base_color[0], blue.metallic), (0.75, 0.5, 0.0));
+        assert_eq!((blue.alpha_mode, blue.occludes), (AlphaMode::Mask { cutoff: 0.25 }, Some(true)));
+        assert_eq!((blue.double_sided, blue.emissive), (true, [1.0, 2.0, 3.0]));
+        assert_eq!(*floor, Material { name: "Floor".into(), ..Material::default() });
+        assert_eq!(old.roughness, 0.25, "a slash in a material's name is a letter like any other");
+        assert_eq!(scene.warnings, ["material[2].match = \"Vaze\" matches no material"]);
+    }
+
+    #[test]
+    fn objects_match_by_path_or_by_last_step() {
+        let names = ["root/Sofa", "root/Sofa/Leg", "root/hall/Sofa#2", "Lamp"];
+        let cases: [(&str, [bool; 4]); 7] = [
+            ("Sofa*", [true, false, true, false]),
+            ("root/*", [true, false, false, false]),
+            ("root/**", [true, true, true, false]),
+            ("**/Sofa*", [true, false, true, false]),
+            ("**", [true; 4]),
+            ("*", [true; 4]),
+            ("{Lamp,Leg}", [false, true, false, true]),
+        ];
+        for (pattern, expected) in cases {
+            let rules = format!("[[object]]\nmatch = \"{pattern}\"\nedge_length = 0.5");
+            let (knobs, warnings) = object_knobs(&manifest(&rules), &scene(&[], &names).objects).unwrap();
+            let matched: Vec<bool> = knobs.iter().map(|knobs| knobs.edge_length.is_some()).collect();
+            assert_eq!(matched, expected, "{pattern}");
+            assert!(warnings.is_empty());
+        }
+    }
+
+    #[test]
+    fn object_rules_keep_what_they_do_not_set() {
+        let rules = r#"
+            [bake]
+            quality = "draft"
+            edge_length = 0.1
+            max_error = 0.125
+            [[object]]
+            match = "Sofa"
+            quality = "high"
+            [[object]]
+            match = "Chair"
+        "#;
+        let (knobs, warnings) = object_knobs(&manifest(rules), &scene(&[], &["Sofa", "Lamp"]).objects).unwrap();
+        assert_eq!(knobs[0].edge_length, Some(0.1));
+        assert_eq!(knobs[0].knobs.normal_angle_deg, Quality::High.knobs().normal_angle_deg);
+        assert_eq!(knobs[1].knobs.normal_angle_deg, Quality::Draft.knobs().normal_angle_deg);
+        assert!(knobs.iter().all(|knobs| knobs.knobs.max_error == 0.125 && knobs.technique == Technique::BlockProduct));
+        assert_eq!(warnings, ["object[1].match = \"Chair\" matches no object"]);
+    }
+
+    #[test]
+    fn a_broken_glob_is_named() {
+        let error = object_knobs(&manifest("[[object]]\nmatch = \"[a\""), &[]).unwrap_err().to_string();
+        assert!(error.contains("object[0].match = \"[a\"") && error.contains("help: "), "{error}");
+    }
+}
