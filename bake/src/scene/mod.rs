@@ -3,9 +3,27 @@
 //! [`Scene`] is the file resolved: meshes shared by instances, materials, textures decoded to RGBA8. [`world::World`] is the same
 //! geometry flattened: every instance's triangles in world space, f64 products rounded once.
 
+mod accessor;
+mod document;
+mod error;
+pub mod export;
+mod extension;
+mod glb;
+pub mod gltf;
 pub mod input;
+mod material;
+mod mesh;
+mod node;
 pub mod overrides;
+mod resource;
+#[cfg(test)]
+mod shared_scenes;
+mod tangent;
+mod texture;
+mod warnings;
 pub mod world;
+
+pub use error::SceneError;
 
 use prelight_runtime::draw::camera::SceneCamera;
 use prelight_runtime::surface::{Material, Texture};

@@ -1,0 +1,133 @@
+//! Images to RGBA8 textures: sizes are checked before pixels are decoded, decoding runs on all threads.
+
+use super::accessor::Buffers;
+use super::error::{Budget, SceneError, Source};
+use super::resource;
+use super::warnings::label;
+use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
+use prelight_runtime::surface::{Texture, TextureEncoding};
+use rayon::prelude::*;
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap};
+use std::io::Cursor;
+
+/// No PNG or JPEG holds more pixels a byte: deflate shrinks at most 1032-fold and a pixel may have one bit; a JPEG block of 64
+/// pixels takes at least one bit.
+const MOST_PIXELS_PER_BYTE: u64 = 16384;
+
+/// (image, encoding) pairs in use, in order of first use.
+#[derive(Debug, Default)]
+pub(super) struct Wanted {
+    pairs: Vec<(usize, TextureEncoding)>,
+    index: HashMap<(usize, bool), u32>,
+}
+
+impl Wanted {
+    /// Index of the texture.
+    pub fn index(&mut self, image: usize, encoding: TextureEncoding) -> u32 {
+        let pairs = &mut self.pairs;
+        *self.index.entry((image, encoding == TextureEncoding::Linear)).or_insert_with(|| {
+            pairs.push((image, encoding));
+            pairs.len() as u32 - 1
+        })
+    }
+}
+
+struct Encoded<'a> {
+    at: String,
+    bytes: Cow<'a, [u8]>,
+    format: ImageFormat,
+    size: (u32, u32),
+}
+
+/// Decodes what is wanted. Each image is decoded once.
+pub(super) fn decode(buffers: &Buffers, wanted: &Wanted, budget: &mut Budget) -> Result<Vec<Texture<'static>>, SceneError> {
+    let source = buffers.source;
+    let mut uses: BTreeMap<usize, u64> = BTreeMap::new();
+    wanted.pairs.iter().for_each(|&(image, _)| *uses.entry(image).or_default() += 1);
+    let images: Vec<usize> = uses.keys().copied().collect();
+    let mut encoded = Vec::with_capacity(images.len());
+    let mut passing = 0u64;
+    for (&index, &uses) in &uses {
+        let image = open(buffers, index, budget)?;
+        let pixels = u64::from(image.size.0) * u64::from(image.size.1);
+        // Kept: RGBA8 a use. In passing: up to 16 bits × 4 as decoded, and a progressive JPEG's coefficients.
+        let transient = pixels.saturating_mul(16);
+        let what = format!("a decoded image of {} x {} pixels", image.size.0, image.size.1);
+        budget.charge(&image.at, &what, pixels.saturating_mul(4 * uses).saturating_add(transient))?;
+        passing += transient;
+        if pixels > MOST_PIXELS_PER_BYTE.saturating_mul(image.bytes.len() as u64) {
+            let what = format!("it claims {} x {} pixels in {} bytes", image.size.0, image.size.1, image.bytes.len());
+            return Err(broken(source, &image.at, &what));
+        }
+        encoded.push(image);
+    }
+    let limit = passing.saturating_add(budget.left());
+    let decoded: Vec<Result<Vec<u8>, SceneError>> = encoded.par_iter().map(|image| pixels(source, image, limit)).collect();
+    let mut texels = Vec::with_capacity(decoded.len());
+    for result in decoded {
+        texels.push(result?);
+    }
+    budget.release(passing);
+    let textures = wanted.pairs.iter().map(|&(image, encoding)| {
+        let at = images.binary_search(&image).expect("every wanted image was opened");
+        let left = uses.get_mut(&image).expect("every wanted image was counted");
+        *left -= 1;
+        let rgba = if *left > 0 { texels[at].clone() } else { std::mem::take(&mut texels[at]) };
+        Texture { width: encoded[at].size.0, height: encoded[at].size.1, encoding, texels: Cow::Owned(rgba) }
+    });
+    Ok(textures.collect())
+}
+
+fn broken(source: Source, at: &str, what: &str) -> SceneError {
+    let help = "open and save the image again as PNG or JPEG".to_string();
+    SceneError::Image { file: source.name(), at: at.to_string(), what: format!("an image cannot be decoded: {what}"), help }
+}
+
+/// Reads the header only.
+fn open<'a>(buffers: &'a Buffers, index: usize, budget: &mut Budget) -> Result<Encoded<'a>, SceneError> {
+    let source = buffers.source;
+    let image = &buffers.root.images[index];
+    let at = label("images", index, image.name.as_deref());
+    let bytes: Cow<[u8]> = match (image.buffer_view, &image.uri) {
+        (Some(view), _) => Cow::Borrowed(buffers.view(view.value())?),
+        (None, Some(uri)) => Cow::Owned(resource::read_uri(source, uri, &at, None, budget)?),
+        (None, None) => return Err(source.invalid(&at, "an image with neither bufferView nor uri")),
+    };
+    let format = match &bytes[..] {
+        [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
+        [0xFF, 0xD8, ..] => ImageFormat::Jpeg,
+        other => {
+            let what = match other {
+                [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => "an image is WebP",
+                [0xAB, b'K', b'T', b'X', ..] => "an image is KTX",
+                _ => "an image is neither PNG nor JPEG",
+            };
+            let (file, what) = (source.name(), what.to_string());
+            return Err(SceneError::Image { file, at, what, help: "convert it to PNG or JPEG".to_string() });
+        }
+    };
+    let decoder =
+        ImageReader::with_format(Cursor::new(&bytes[..]), format).into_decoder().map_err(|e| broken(source, &at, &e.to_string()))?;
+    let size = decoder.dimensions();
+    drop(decoder);
+    if size.0 == 0 || size.1 == 0 {
+        return Err(broken(source, &at, "it has no pixels"));
+    }
+    Ok(Encoded { at, bytes, format, size })
+}
+
+fn pixels(source: Source, image: &Encoded, limit: u64) -> Result<Vec<u8>, SceneError> {
+    let mut reader = ImageReader::with_format(Cursor::new(&image.bytes[..]), image.format);
+    let mut limits = Limits::no_limits();
+    limits.max_image_width = Some(image.size.0);
+    limits.max_image_height = Some(image.size.1);
+    limits.max_alloc = Some(limit);
+    reader.limits(limits);
+    let decoded = reader.decode().map_err(|e| broken(source, &image.at, &e.to_string()))?;
+    let rgba = decoded.into_rgba8().into_raw();
+    if rgba.len() as u64 != u64::from(image.size.0) * u64::from(image.size.1) * 4 {
+        return Err(broken(source, &image.at, "its size changed while it was decoded"));
+    }
+    Ok(rgba)
+}
