@@ -3,7 +3,9 @@
 //! [`raster::Visibility`] finds what each sample sees, [`shade::draw_visible`] turns light at points into an [`image::Image`].
 
 pub mod camera;
+pub mod flip;
 pub mod image;
+pub mod metrics;
 pub mod raster;
 pub mod shade;
 mod threads;
@@ -11,8 +13,11 @@ pub mod tonemap;
 
 #[cfg(test)]
 mod raster_tests;
+#[cfg(test)]
+mod shade_tests;
 
 pub use camera::{Camera, CameraRays, SceneCamera};
 pub use image::Image;
+pub use metrics::{Metrics, Scores};
 pub use raster::Visibility;
 pub use shade::{DrawObject, DrawScene, Frame, draw, draw_visible};
