@@ -3,9 +3,9 @@
 //! `content` decides `asset_digest` = blake3 of [`AssetContent::canonical`]; `report` says how the bake went and is never hashed.
 //! Nothing in `content` comes from a clock, a CPU feature, a thread count or a path.
 
-use crate::{Descriptor, Digest, ManifestError, version};
+use crate::{ChunkKind, Descriptor, Digest, ManifestError, version};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A whole asset manifest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -95,7 +95,7 @@ impl AssetContent {
 impl AssetManifest {
     /// Reads JSON text; `file` names it in errors.
     ///
-    /// Checks format, techniques and that point counts add up. The digest is the caller's to check (no hashing here).
+    /// Checks format, techniques, kinds of chunks, unique object names and that point counts add up. The digest is the caller's to check (no hashing here).
     pub fn parse(file: &str, text: &str) -> Result<Self, ManifestError> {
         let syntax = |error: serde_json::Error| ManifestError::Syntax {
             file: file.to_string(),
@@ -134,7 +134,25 @@ impl AssetManifest {
         if face != 64 && face != 128 {
             return Err(range("content.face_resolution".into(), face.to_string(), "64 or 128"));
         }
+        let kind = |field: String, descriptor: &Descriptor, expected: ChunkKind| {
+            if descriptor.kind == expected {
+                return Ok(());
+            }
+            Err(range(field + ".kind", name_of(descriptor.kind), &name_of(expected)))
+        };
+        kind("content.materials".into(), &self.content.materials, ChunkKind::Materials)?;
+        kind("content.cameras".into(), &self.content.cameras, ChunkKind::Cameras)?;
+        kind("content.names".into(), &self.content.names, ChunkKind::Names)?;
+        for (i, texture) in self.content.textures.iter().enumerate() {
+            kind(format!("content.textures[{i}]"), texture, ChunkKind::Texture)?;
+        }
+        let mut names = BTreeSet::new();
         for (i, object) in self.content.objects.iter().enumerate() {
+            if !names.insert(&object.name) {
+                let field = format!("content.objects[{i}].name");
+                return Err(range(field, format!("{:?}", object.name), "a name that no object before it has"));
+            }
+            kind(format!("content.objects[{i}].mesh"), &object.mesh, ChunkKind::Mesh)?;
             if !crate::Technique::BUILT_IN.contains(&object.technique.as_str()) {
                 return Err(ManifestError::Technique {
                     file: file.to_string(),
@@ -147,6 +165,10 @@ impl AssetManifest {
                     let field = format!("content.objects[{i}].patches[{k}].n_points");
                     return Err(range(field, patch.n_points.to_string(), "1..=256"));
                 }
+                let at = |name: &str| format!("content.objects[{i}].patches[{k}].{name}");
+                kind(at("points"), &patch.points, ChunkKind::Points)?;
+                kind(at("surface"), &patch.surface, ChunkKind::Surface)?;
+                kind(at("visibility"), &patch.visibility, ChunkKind::Visibility)?;
             }
             let sum: u64 = object.patches.iter().map(|patch| u64::from(patch.n_points)).sum();
             if sum != u64::from(object.n_points) {
@@ -157,3 +179,11 @@ impl AssetManifest {
         Ok(())
     }
 }
+
+/// As it stands in the file.
+fn name_of(kind: ChunkKind) -> String {
+    serde_json::to_value(kind).ok().and_then(|value| value.as_str().map(str::to_string)).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests;

@@ -18,10 +18,32 @@ impl Technique {
     /// Every name that an asset may carry.
     pub const BUILT_IN: &'static [&'static str] = &["block_product"];
 
-    /// What `self` bakes as.
+    /// As written in manifests.
+    pub fn name(self) -> &'static str {
+        match self {
+            Technique::Auto => "auto",
+            Technique::BlockProduct => "block_product",
+        }
+    }
+
+    /// What `self` bakes as; never [`Technique::Auto`].
     pub fn resolved(self) -> Technique {
         match self {
             Technique::Auto | Technique::BlockProduct => Technique::BlockProduct,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_agree_with_serde_and_resolve_to_what_is_built_in() {
+        for technique in [Technique::Auto, Technique::BlockProduct] {
+            assert_eq!(serde_json::to_value(technique).unwrap(), technique.name());
+            assert!(Technique::BUILT_IN.contains(&technique.resolved().name()));
+        }
+        assert!(!Technique::BUILT_IN.contains(&Technique::Auto.name()), "an asset never says auto");
     }
 }

@@ -117,15 +117,23 @@ fn of_runtime(error: &RuntimeError) -> ExitCode {
     match error {
         RuntimeError::Chunk { .. } => ExitCode::Corrupt,
         RuntimeError::Store(error) => of_store(error),
-        RuntimeError::Manifest(_) | RuntimeError::Environment { .. } | RuntimeError::Image { .. } => ExitCode::Input,
+        RuntimeError::Manifest(_) | RuntimeError::Environment { .. } | RuntimeError::Image { .. } | RuntimeError::Camera { .. } => {
+            ExitCode::Input
+        }
         RuntimeError::Memory { .. } => ExitCode::Limit,
         RuntimeError::Io { source, .. } => of_io(source),
         _ => ExitCode::Failed,
     }
 }
 
-fn of_store(_: &StoreError) -> ExitCode {
-    ExitCode::Failed
+fn of_store(error: &StoreError) -> ExitCode {
+    match error {
+        StoreError::NotFound { .. } => ExitCode::NoStore,
+        StoreError::Format { .. } => ExitCode::Input,
+        error if error.is_corrupt() => ExitCode::Corrupt,
+        error if error.is_full() => ExitCode::Limit,
+        _ => ExitCode::Failed,
+    }
 }
 
 /// Missing files are bad input, full disks are a limit.
@@ -145,13 +153,15 @@ mod tests {
     #[test]
     fn codes_follow_the_table() {
         let io = |kind: std::io::ErrorKind| std::io::Error::from(kind);
-        let cases: [(Failure, ExitCode); 8] = [
+        let cases: [(Failure, ExitCode); 10] = [
             (BakeError::Cancelled.into(), ExitCode::Interrupted),
             (BakeError::Memory { what: "points".into(), needed: 2, limit: 1 }.into(), ExitCode::Limit),
             (BakeError::Output { path: "a".into(), source: io(std::io::ErrorKind::StorageFull) }.into(), ExitCode::Limit),
             (RuntimeError::Memory { what: "image".into(), needed: 2, limit: 1 }.into(), ExitCode::Limit),
             (RuntimeError::Environment { file: "a".into(), what: "b".into(), help: "c".into() }.into(), ExitCode::Input),
             (RuntimeError::Chunk { kind: "points", digest: "0".into(), what: "b".into() }.into(), ExitCode::Corrupt),
+            (StoreError::NotFound { dir: "a".into() }.into(), ExitCode::NoStore),
+            (RuntimeError::Store(StoreError::Memory { digest: Default::default(), bytes: 1 }).into(), ExitCode::Limit),
             (io(std::io::ErrorKind::NotFound).into(), ExitCode::Input),
             (anyhow::anyhow!("anything else").into(), ExitCode::Failed),
         ];

@@ -1,0 +1,120 @@
+use super::*;
+use crate::Dtype;
+use serde_json::{Value, json};
+
+fn descriptor(kind: ChunkKind, seed: u8) -> Descriptor {
+    Descriptor { kind, digest: Digest([seed; 32]), bytes: 64, dtype: Dtype::U8, shape: vec![64] }
+}
+
+fn patch(n_points: u32, seed: u8) -> AssetPatch {
+    AssetPatch {
+        n_points,
+        points: descriptor(ChunkKind::Points, seed),
+        surface: descriptor(ChunkKind::Surface, seed + 1),
+        visibility: descriptor(ChunkKind::Visibility, seed + 2),
+    }
+}
+
+fn object(name: &str, seed: u8) -> AssetObject {
+    AssetObject {
+        name: name.into(),
+        technique: "block_product".into(),
+        n_points: 300,
+        n_triangles: 2,
+        mesh: descriptor(ChunkKind::Mesh, seed),
+        patches: vec![patch(256, seed + 1), patch(44, seed + 4)],
+    }
+}
+
+fn manifest() -> AssetManifest {
+    AssetManifest {
+        format: version::ASSET_FORMAT,
+        asset_digest: Digest([7; 32]),
+        content: AssetContent {
+            algorithm_version: 1,
+            face_resolution: 64,
+            objects: vec![object("root/Sofa", 10), object("root/Sofa#2", 30)],
+            materials: descriptor(ChunkKind::Materials, 1),
+            textures: vec![descriptor(ChunkKind::Texture, 2)],
+            cameras: descriptor(ChunkKind::Cameras, 3),
+            names: descriptor(ChunkKind::Names, 4),
+            bounds: [[-1.5, 0.0, 0.1], [2.0, 3.4028235e38, 1e-40]],
+        },
+        report: BTreeMap::from([("seconds".into(), json!({ "total": 1.25 }))]),
+    }
+}
+
+#[test]
+fn text_round_trips_bit_by_bit() {
+    let manifest = manifest();
+    let text = manifest.to_text();
+    let back = AssetManifest::parse("a", &text).unwrap();
+    assert_eq!(back, manifest);
+    assert_eq!(back.content.canonical(), manifest.content.canonical());
+    assert_eq!(back.to_text(), text);
+    assert!(text.ends_with("}\n"));
+}
+
+#[test]
+fn canonical_form_holds_the_content_and_only_that() {
+    let one = manifest();
+    let mut other = one.clone();
+    other.report.insert("machine".into(), "another".into());
+    other.asset_digest = Digest([0; 32]);
+    assert_eq!(one.content.canonical(), other.content.canonical());
+    other.content.objects[1].patches[0].visibility.digest = Digest([99; 32]);
+    assert_ne!(one.content.canonical(), other.content.canonical());
+    let canonical = String::from_utf8(one.content.canonical()).unwrap();
+    assert!(canonical.starts_with("{\"algorithm_version\":1,\"face_resolution\":64,\"objects\":[{\"name\":\"root/Sofa\""), "{canonical}");
+    assert!(!canonical.contains(' '));
+}
+
+#[test]
+fn descriptors_name_every_chunk_in_a_fixed_order() {
+    let manifest = manifest();
+    let seeds: Vec<u8> = manifest.content.descriptors().map(|descriptor| descriptor.digest.0[0]).collect();
+    let objects = [10u8, 30].into_iter().flat_map(|mesh| mesh..mesh + 7);
+    assert_eq!(seeds, [1, 3, 4, 2].into_iter().chain(objects).collect::<Vec<u8>>());
+    // Every digest of the text is one of them, but for the asset's own.
+    let text = serde_json::to_string(&manifest.content).unwrap();
+    assert_eq!(text.matches("\"digest\"").count(), seeds.len());
+}
+
+#[test]
+fn wrong_content_is_refused_with_the_field_that_is_wrong() {
+    let cases: [(&str, Value, &str); 11] = [
+        ("/content/face_resolution", json!(65), "content.face_resolution = 65, expected 64 or 128"),
+        ("/content/objects/1/name", json!("root/Sofa"), "content.objects[1].name"),
+        ("/content/objects/0/n_points", json!(301), "content.objects[0].n_points = 301, expected 300"),
+        ("/content/objects/0/patches/1/n_points", json!(0), "content.objects[0].patches[1].n_points = 0, expected 1..=256"),
+        ("/content/objects/0/patches/1/n_points", json!(257), "content.objects[0].patches[1].n_points = 257"),
+        ("/content/objects/0/technique", json!("vmf_transfer"), "technique `vmf_transfer` is not in this build, which has: block_product"),
+        ("/content/objects/0/technique", json!("auto"), "technique `auto`"),
+        ("/content/objects/0/mesh/kind", json!("points"), "content.objects[0].mesh.kind = points, expected mesh"),
+        ("/content/objects/1/patches/0/visibility/kind", json!("image"), "content.objects[1].patches[0].visibility.kind = image"),
+        ("/content/textures/0/kind", json!("mesh"), "content.textures[0].kind = mesh, expected texture"),
+        ("/format", json!(2), "format 2"),
+    ];
+    for (pointer, value, words) in cases {
+        let mut json = serde_json::to_value(manifest()).unwrap();
+        *json.pointer_mut(pointer).expect(pointer) = value;
+        let error = AssetManifest::parse("room.prelight.json", &json.to_string()).expect_err(pointer).to_string();
+        assert!(error.contains("room.prelight.json") && error.contains(words), "{pointer}: {error}");
+    }
+}
+
+#[test]
+fn text_that_is_no_asset_is_refused_with_a_place() {
+    let whole = manifest().to_text();
+    let cut: String = whole.chars().take(whole.len() / 2).collect();
+    let mut extra = serde_json::to_value(manifest()).unwrap();
+    extra["content"]["extra"] = json!(1);
+    let mut digest = serde_json::to_value(manifest()).unwrap();
+    digest["asset_digest"] = json!("12");
+    let deep = format!("{{\"format\":1,\"x\":{}", "[".repeat(100_000));
+    for text in ["", "[]", "{}", "{\"format\":-1}", "{\"format\":1}", &cut, &extra.to_string(), &digest.to_string(), &deep] {
+        let error = AssetManifest::parse("a.json", text).expect_err(text);
+        assert!(matches!(error, ManifestError::Syntax { .. }), "{error:?}");
+        assert!(error.to_string().starts_with("a.json:"), "{error}");
+    }
+}
