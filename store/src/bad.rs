@@ -1,7 +1,8 @@
 //! `bad/`: what was found corrupt. Evidence is kept; nothing is deleted.
 //!
 //! A corrupt object is moved to `bad/<digest>.object`. A pack is immutable and holds other chunks, so a corrupt chunk of it is only written
-//! down: `bad/<digest>-<offset>-<pack>.txt`, four lines. When the chunk is written anew, its records get the ending `.mended.txt`.
+//! down: `bad/<digest>-<offset>-<pack>.txt`, four lines, so that this place is passed over from then on even when another pack has the chunk.
+//! Only when a file of the same name is published again do its records get the ending `.mended.txt`.
 
 use crate::{StoreError, os};
 use prelight_manifests::Digest;
@@ -42,7 +43,7 @@ impl BadChunk {
     }
 }
 
-/// What is known to be corrupt and not yet mended.
+/// Places known to be corrupt.
 #[derive(Default)]
 pub(crate) struct BadList(BTreeMap<Digest, Vec<BadChunk>>);
 
@@ -65,8 +66,9 @@ impl BadList {
         Ok(list)
     }
 
-    pub fn len(&self) -> usize {
-        self.0.len()
+    /// The chunks of which at least one place is corrupt.
+    pub fn digests(&self) -> impl Iterator<Item = &Digest> {
+        self.0.keys()
     }
 
     /// Whether this place of this chunk is known to be corrupt.
@@ -81,6 +83,9 @@ impl BadList {
 
     /// Writes a finding down. Best effort on disk (the store may be read-only); in this process it counts at once.
     pub fn insert(&mut self, dir: &Path, bad: BadChunk) {
+        if self.names(&bad.digest, &bad.file, bad.offset) {
+            return;
+        }
         let folder = dir.join("bad");
         let (temp, path) = (folder.join(format!("{}.part", os::unique_name())), folder.join(bad.record_name()));
         let text = bad.text();
@@ -91,11 +96,15 @@ impl BadList {
         self.0.entry(bad.digest).or_default().push(bad);
     }
 
-    /// A chunk was written anew: its findings stay as evidence under another name.
-    pub fn mend(&mut self, dir: &Path, digest: &Digest) {
-        for bad in self.0.remove(digest).unwrap_or_default() {
+    /// The file was published anew with this chunk in it: what was found in its predecessor stays as evidence under another name.
+    pub fn mend(&mut self, dir: &Path, digest: &Digest, file: &str) {
+        let Some(list) = self.0.get_mut(digest) else { return };
+        for bad in list.extract_if(.., |bad| bad.file == file) {
             let path = dir.join("bad").join(bad.record_name());
             let _ = os::rename(&path, &path.with_extension("mended.txt"));
+        }
+        if list.is_empty() {
+            self.0.remove(digest);
         }
     }
 }
@@ -103,6 +112,16 @@ impl BadList {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn any_text_is_refused_or_written_back_the_same(text in "(digest [0-9a-f]{64}\nfile .{0,9}\noffset [0-9]{1,21}\nwhat .{0,9}\n)|.{0,80}") {
+            if let Some(bad) = BadChunk::parse(&text) {
+                prop_assert_eq!(BadChunk::parse(&bad.text()), Some(bad));
+            }
+        }
+    }
 
     #[test]
     fn findings_round_trip_and_mended_ones_are_not_read_again() {
@@ -114,9 +133,11 @@ mod tests {
         let mut list = BadList::read(dir.path(), &mut problems).unwrap();
         assert!(list.names(&digest, "packs/0123.pack", 192) && !list.names(&digest, "packs/0123.pack", 64));
         assert_eq!(list.get(&digest), Some(&bad));
-        list.mend(dir.path(), &digest);
+        list.mend(dir.path(), &digest, "packs/other.pack");
+        assert!(list.get(&digest).is_some());
+        list.mend(dir.path(), &digest, &bad.file);
         let list = BadList::read(dir.path(), &mut problems).unwrap();
-        assert_eq!((list.len(), problems.len()), (0, 0));
+        assert_eq!((list.digests().count(), problems.len()), (0, 0));
         assert_eq!(os::list(&dir.path().join("bad")).unwrap().len(), 1, "the evidence stays");
     }
 }

@@ -64,6 +64,9 @@ pub(crate) fn create(dir: &Path) -> Result<String, StoreError> {
     os::link_new(&temp, &file)?;
     os::remove_temp_file(&temp);
     os::sync_path(dir)?;
+    if let Some(parent) = dir.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        let _ = os::sync_path(parent); // the folder itself may be new; its parent may be none of ours
+    }
     read(dir)
 }
 

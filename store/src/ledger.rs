@@ -225,3 +225,92 @@ impl Ledger {
 
 /// Bytes of data that a record may carry: 16 MiB, since all records are held in memory.
 pub const MAX_RECORD_DATA: usize = 16 << 20;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn record(n_chunks: usize) -> Record {
+        let kinds = [ChunkKind::Points, ChunkKind::Visibility, ChunkKind::Materials];
+        let chunk = |i: usize| Descriptor {
+            kind: kinds[i % 3],
+            digest: Digest([i as u8; 32]),
+            bytes: 1 << i,
+            dtype: [Dtype::U8, Dtype::F32][i % 2],
+            shape: (0..i as u64).collect(),
+        };
+        Record { chunks: (0..n_chunks).map(chunk).collect(), data: vec![5; n_chunks * 3] }
+    }
+
+    fn segment() -> Vec<u8> {
+        let records: Vec<Vec<u8>> = (0..5).map(|i| encode_record(&Digest([i; 32]), &record(i as usize))).collect();
+        encode_segment(&records).0
+    }
+
+    #[test]
+    fn records_of_every_size_round_trip() {
+        let mut ledger = Ledger::default();
+        assert_eq!(ledger.add(vec![("a".into(), segment())]), []);
+        for i in 0..5 {
+            assert_eq!(ledger.get(&Digest([i; 32])), [record(i as usize)]);
+        }
+        assert_eq!(ledger.get(&Digest([9; 32])), []);
+        assert_eq!((ledger.n_segments(), ledger.n_records()), (1, 5));
+    }
+
+    #[test]
+    fn records_of_one_key_come_in_the_same_order_whatever_the_order_of_segments() {
+        let key = Digest([1; 32]);
+        let segments: Vec<(String, Vec<u8>)> =
+            (0..4).map(|i| (i.to_string(), encode_segment(&[encode_record(&key, &record(i))]).0)).collect();
+        let mut forward = Ledger::default();
+        forward.add(segments.clone());
+        let mut backward = Ledger::default();
+        segments.into_iter().rev().for_each(|segment| drop(backward.add(vec![segment])));
+        assert_eq!(forward.get(&key).len(), 4);
+        assert_eq!(forward.get(&key), backward.get(&key));
+    }
+
+    #[test]
+    fn every_flipped_bit_and_every_cut_of_a_segment_is_noticed() {
+        let good = segment();
+        for bit in 0..good.len() * 8 {
+            let mut bytes = good.clone();
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            assert!(parse_segment(&bytes).is_err(), "bit {bit}");
+        }
+        for len in 0..good.len() {
+            assert!(parse_segment(&good[..len]).is_err(), "length {len}");
+        }
+    }
+
+    #[test]
+    fn a_kind_of_a_newer_prelight_is_no_hit_and_no_error() {
+        let mut encoded = encode_record(&Digest([1; 32]), &record(2));
+        encoded[RECORD_HEAD..RECORD_HEAD + 6].copy_from_slice(b"photon");
+        let mut ledger = Ledger::default();
+        assert_eq!(ledger.add(vec![("a".into(), encode_segment(&[encoded]).0)]), []);
+        assert_eq!(ledger.get(&Digest([1; 32])), []);
+    }
+
+    proptest! {
+        #[test]
+        fn parsers_never_panic_even_behind_a_right_check(
+            bytes in prop::collection::vec(any::<u8>(), 0..400),
+            at in 0usize..600,
+            value in any::<u32>(),
+        ) {
+            let _ = (parse_segment(&bytes), decode_record(&bytes));
+            // A segment with one field overwritten and its check made right again: what a hostile writer could do.
+            let mut hostile = segment();
+            let at = 8 + at.min(hostile.len() - 12);
+            hostile[at..at + 4].copy_from_slice(&value.to_le_bytes());
+            let check = segment_check(&hostile);
+            hostile[32..64].copy_from_slice(&check.0);
+            if let Ok(places) = parse_segment(&hostile) {
+                places.iter().for_each(|&(start, len)| drop(decode_record(&hostile[start..start + len])));
+            }
+        }
+    }
+}

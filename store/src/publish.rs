@@ -76,7 +76,6 @@ impl ShardWriter {
                 let folder = to.parent().expect("objects lie in folders");
                 if !folder.is_dir() {
                     os::make_dir(folder)?;
-                    folders.insert(dir.join("objects"));
                 }
                 os::rename(&temp.join(digest.to_string()), &to)?;
                 folders.insert(folder.to_path_buf());
@@ -93,12 +92,18 @@ impl ShardWriter {
             // Whoever published them may not have come to sync the folder yet; a record of ours must not outlive them.
             folders.extend(path.parent().map(PathBuf::from));
         }
+        if folders.iter().any(|folder| folder.parent() != Some(dir)) {
+            folders.insert(dir.join("objects")); // some of the folders in it may be new
+        }
         os::sync_paths(dir, folders.iter())?;
         inner.pass(FaultPoint::FoldersSynced)?;
 
-        // Durable, so they may be used from here on, and earlier findings about them are history.
+        // Durable, so they may be used from here on, and findings about files of the same names are history.
         let mut bad = inner.bad.lock().expect("no panic under this lock");
-        self.new.keys().for_each(|digest| bad.mend(dir, digest));
+        self.objects.iter().for_each(|digest| bad.mend(dir, digest, &Inner::object_name(digest)));
+        if let Some((_, file, _)) = &pack {
+            file.entries.iter().for_each(|entry| bad.mend(dir, &entry.digest, &file.name));
+        }
         let mut mapped = inner.objects.lock().expect("no panic under this lock");
         self.objects.iter().for_each(|digest| drop(mapped.remove(digest)));
         if let Some((_, file, name)) = pack {

@@ -39,7 +39,11 @@ impl Inner {
             let place = self.index.read().expect("no panic under this lock").get(&digest).cloned();
             if let Some(place) = place {
                 match self.read_packed(&place, descriptor) {
-                    Ok(chunk) => return Ok(chunk),
+                    Ok(Some(chunk)) => return Ok(chunk),
+                    Ok(None) => {
+                        self.index.write().expect("no panic under this lock").remove(&place);
+                        continue;
+                    }
                     Err(error @ StoreError::Corrupt { .. }) => {
                         self.index.write().expect("no panic under this lock").remove(&place);
                         self.set_aside(&error);
@@ -81,7 +85,8 @@ impl Inner {
         }
     }
 
-    fn read_packed(&self, place: &Place, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
+    /// `None` when the pack's file has gone.
+    fn read_packed(&self, place: &Place, descriptor: &Descriptor) -> Result<Option<Chunk>, StoreError> {
         let (pack, entry) = (&place.pack, place.entry());
         if entry.plain_bytes != descriptor.bytes {
             let (digest, described, stored) = (descriptor.digest, descriptor.bytes, entry.plain_bytes);
@@ -89,20 +94,18 @@ impl Inner {
         }
         let at = |fault: Fault| fault.at(descriptor, &pack.name, entry.offset);
         let range = entry.range();
-        let map = pack.map.get_or_init(|| if self.use_maps { map_file(&pack.path) } else { None });
-        let Some(map) = map else {
-            let bytes = os::read_aligned(&pack.path, range.start, range.end - range.start)?;
-            return read_owned(bytes, entry.stored_bytes, descriptor).map_err(at);
-        };
-        let result = read_mapped(map, range.start, entry.stored_bytes, descriptor, &pack.verified[place.entry]);
-        match result {
-            // Once more from the file before a good chunk is condemned for a bad moment of memory.
-            Err(Fault::Corrupt(_)) => {
-                let bytes = os::read_aligned(&pack.path, range.start, range.end - range.start)?;
-                read_owned(bytes, entry.stored_bytes, descriptor).map_err(at)
+        if let Some(map) = pack.map.get_or_init(|| if self.use_maps { map_file(&pack.path) } else { None }) {
+            match read_mapped(map, range.start, entry.stored_bytes, descriptor, &pack.verified[place.entry]) {
+                // Once more from the file before a good chunk is condemned for a bad moment of memory.
+                Err(Fault::Corrupt(_)) => {}
+                result => return result.map(Some).map_err(at),
             }
-            result => result.map_err(at),
         }
+        if os::open_sized(&pack.path)?.is_none() {
+            return Ok(None);
+        }
+        let bytes = os::read_aligned(&pack.path, range.start, range.end - range.start)?;
+        read_owned(bytes, entry.stored_bytes, descriptor).map(Some).map_err(at)
     }
 
     fn read_object(&self, descriptor: &Descriptor) -> Result<Option<Chunk>, StoreError> {

@@ -85,3 +85,34 @@ impl Store {
         self.chunk(&Descriptor { kind: ChunkKind::Names, digest, bytes, dtype: Dtype::U8, shape: vec![bytes] })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn root() -> Root {
+        Root { asset: Digest([1; 32]), manifest: Digest([2; 32]), manifest_bytes: 1234 }
+    }
+
+    #[test]
+    fn every_flipped_bit_and_every_cut_of_a_root_is_noticed() {
+        let text = root().text();
+        assert_eq!(Root::parse(&text), Some(root()));
+        for bit in 0..text.len() * 8 {
+            let mut bytes = text.clone().into_bytes();
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            assert_eq!(Root::parse(&String::from_utf8_lossy(&bytes)), None, "bit {bit}");
+        }
+        for len in 0..text.len() {
+            assert_eq!(Root::parse(&text[..len]), None, "length {len}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn parsing_any_text_never_panics(text in "(prelight root 1\n)?(asset [0-9a-f]{64}\n)?(manifest [0-9a-f]{64} [0-9]{1,21}\n)?.{0,80}") {
+            prop_assert_eq!(Root::parse(&text), None);
+        }
+    }
+}

@@ -1,6 +1,8 @@
 //! How much a store holds.
 
+use crate::store::Inner;
 use crate::{Form, Store, StoreError, os};
+use prelight_manifests::Digest;
 
 /// Counts and bytes of a store.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,7 +27,7 @@ pub struct Stats {
     pub records: u64,
     /// Sealed assets.
     pub roots: u64,
-    /// Chunks found corrupt and not yet written anew.
+    /// Chunks found corrupt that no other file holds: to be baked again.
     pub bad_chunks: u64,
 }
 
@@ -58,7 +60,10 @@ impl Store {
         let ledger = self.inner.ledger.read().expect("no panic under this lock");
         (stats.segments, stats.records) = (ledger.n_segments() as u64, ledger.n_records() as u64);
         stats.roots = self.roots()?.len() as u64;
-        stats.bad_chunks = self.inner.bad.lock().expect("no panic under this lock").len() as u64;
+        let bad = self.inner.bad.lock().expect("no panic under this lock");
+        let index = self.inner.index.read().expect("no panic under this lock");
+        let lost = |digest: &&Digest| index.get(digest).is_none() && !dir.join(Inner::object_name(digest)).exists();
+        stats.bad_chunks = bad.digests().filter(lost).count() as u64;
         Ok(stats)
     }
 }

@@ -119,15 +119,15 @@ impl Store {
     }
 
     fn open_with(dir: &Path, options: StoreOptions) -> Result<Self, StoreError> {
-        let id = match identity::read(dir) {
-            Err(StoreError::NotFound { .. }) if options.create => {
-                for folder in ["tmp", "objects", "packs", "ledger", "roots", "bad"] {
-                    os::make_dir(&dir.join(folder))?;
-                }
-                identity::create(dir)?
+        let found = identity::read(dir);
+        let fresh = matches!(found, Err(StoreError::NotFound { .. }));
+        if options.create && (fresh || found.is_ok()) {
+            // Also in a store that is there: tools that copy folders may drop empty ones.
+            for folder in ["tmp", "objects", "packs", "ledger", "roots", "bad"] {
+                os::make_dir(&dir.join(folder))?;
             }
-            other => other?,
-        };
+        }
+        let id = if options.create && fresh { identity::create(dir)? } else { found? };
         let mut problems = Vec::new();
         let bad = BadList::read(dir, &mut problems)?;
         let inner = Inner {

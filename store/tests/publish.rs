@@ -1,15 +1,11 @@
 //! What a commit promises: round trips, sharing, and all-or-nothing at every step.
 #![cfg(feature = "fs")]
 
+mod support;
+
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use prelight_store::{CHUNK_ALIGN, ChunkSource, FormChoice, Mapping, OBJECT_BYTES, Record, Store, StoreError, StoreOptions, digest_of};
-
-/// `len` bytes that no compressor shrinks.
-fn noise(seed: u64, len: usize) -> Vec<u8> {
-    let mut bytes = vec![0; len];
-    blake3::Hasher::new().update(&seed.to_le_bytes()).finalize_xof().fill(&mut bytes);
-    bytes
-}
+use support::noise;
 
 /// Lengths on both sides of every border, compressible and not.
 fn payloads() -> Vec<Vec<u8>> {
@@ -95,4 +91,60 @@ fn known_chunks_are_not_written_again_and_known_records_make_no_segment() {
     assert_eq!((again.chunks_new, again.chunks_reused), (0, first.chunks_new + first.chunks_reused));
     assert_eq!(again.bytes_stored, 0);
     assert_eq!(store.stats().unwrap(), before);
+}
+
+#[test]
+fn a_folder_without_a_store_is_not_found_and_left_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    for path in [dir.path().to_path_buf(), dir.path().join("absent")] {
+        assert!(matches!(Store::open(&path), Err(StoreError::NotFound { .. })));
+    }
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn stores_keep_their_id_and_two_stores_differ() {
+    let (one, two) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let id = Store::open_or_create(one.path().join("a b/é")).unwrap().id().to_string();
+    assert_eq!(Store::open(one.path().join("a b/é")).unwrap().id(), id);
+    assert_ne!(Store::open_or_create(two.path()).unwrap().id(), id);
+}
+
+#[test]
+fn a_store_that_lost_its_empty_folders_works_again() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(Store::open_or_create(dir.path()).unwrap());
+    for folder in ["tmp", "objects", "packs", "ledger", "roots", "bad"] {
+        std::fs::remove_dir(dir.path().join(folder)).unwrap();
+    }
+    assert_eq!(Store::open(dir.path()).unwrap().stats().unwrap(), Default::default());
+    let store = Store::open_or_create(dir.path()).unwrap();
+    put_all(&store, &payloads(), Digest([1; 32]));
+    assert!(store.lookup(&Digest([1; 32])).unwrap().is_some());
+}
+
+#[test]
+fn refresh_and_reads_pick_up_what_another_process_published() {
+    let dir = tempfile::tempdir().unwrap();
+    let (reader, writer) = (Store::open_or_create(dir.path()).unwrap(), Store::open(dir.path()).unwrap());
+    let (chunks, _) = put_all(&writer, &payloads(), Digest([1; 32]));
+    assert!(reader.chunk(&chunks[1]).is_ok(), "a chunk that is asked for is looked for");
+    assert_eq!(reader.lookup(&Digest([1; 32])).unwrap(), None, "records are a snapshot");
+    assert_eq!(reader.refresh().unwrap(), 1);
+    assert!(reader.lookup(&Digest([1; 32])).unwrap().is_some());
+    assert_eq!(reader.refresh().unwrap(), 0);
+}
+
+#[test]
+fn sealed_assets_are_roots_and_sealing_again_replaces_the_report() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = Store::open_or_create(dir.path()).unwrap();
+    assert_eq!(store.roots().unwrap(), []);
+    for (asset, manifest) in [(1, &b"{\"report\": 1}"[..]), (2, b"{}"), (1, b"{\"report\": 2}")] {
+        store.seal(Digest([asset; 32]), manifest).unwrap();
+    }
+    let store = Store::open(dir.path()).unwrap();
+    let manifests: Vec<(u8, Vec<u8>)> =
+        store.roots().unwrap().iter().map(|root| (root.asset.0[0], store.manifest(root).unwrap().to_vec())).collect();
+    assert_eq!(manifests, [(1, b"{\"report\": 2}".to_vec()), (2, b"{}".to_vec())]);
 }

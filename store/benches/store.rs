@@ -1,0 +1,108 @@
+//! Map and verify, decode, put with commit, open: each checks its answer.
+
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
+use prelight_store::{ChunkSource, Record, Store, digest_of};
+use std::hint::black_box;
+
+fn noise(seed: u64, len: usize) -> Vec<u8> {
+    let mut bytes = vec![0; len];
+    blake3::Hasher::new().update(&seed.to_le_bytes()).finalize_xof().fill(&mut bytes);
+    bytes
+}
+
+fn smooth(seed: u64, len: usize) -> Vec<u8> {
+    (0..len as u64).map(|i| (i / 11 * (seed + 1)) as u8).collect()
+}
+
+/// One shard of `n` chunks.
+fn publish(store: &Store, payloads: &[Vec<u8>], key: Digest) -> Vec<Descriptor> {
+    let mut writer = store.writer();
+    let put = |bytes: &Vec<u8>| writer.put(ChunkKind::Visibility, Dtype::U8, vec![bytes.len() as u64], bytes).unwrap();
+    let chunks: Vec<Descriptor> = payloads.iter().map(put).collect();
+    writer.record(key, Record { chunks: chunks.clone(), data: Vec::new() });
+    writer.commit().unwrap();
+    chunks
+}
+
+fn read_all(store: &Store, chunks: &[Descriptor]) -> u64 {
+    chunks.iter().map(|descriptor| black_box(store.chunk(descriptor).unwrap()).len() as u64).sum()
+}
+
+fn reading(c: &mut Criterion) {
+    let mut group = c.benchmark_group("read");
+    group.sample_size(10);
+    for (name, n, len, compress) in
+        [("raw_packed_100k", 256, 100 << 10, false), ("raw_object_8m", 4, 8 << 20, false), ("zstd_packed_100k", 256, 100 << 10, true)]
+    {
+        let dir = tempfile::tempdir().unwrap();
+        let payload = if compress { smooth } else { noise };
+        let payloads: Vec<Vec<u8>> = (0..n).map(|i| payload(i, len)).collect();
+        let chunks = publish(&Store::open_or_create(dir.path()).unwrap(), &payloads, Digest([1; 32]));
+        group.throughput(Throughput::Bytes(n * len as u64));
+        // A fresh store maps and verifies everything again; `hash` is the bound: blake3 of the same bytes, already in memory.
+        let open = || Store::open(dir.path()).unwrap();
+        assert!(chunks.iter().zip(&payloads).all(|(descriptor, bytes)| open().chunk(descriptor).unwrap()[..] == bytes[..]));
+        group.bench_function(format!("{name}/first"), |b| {
+            b.iter_batched(open, |store| assert_eq!(read_all(&store, &chunks), n * len as u64), BatchSize::PerIteration)
+        });
+        let store = open();
+        group.bench_function(format!("{name}/again"), |b| b.iter(|| assert_eq!(read_all(&store, &chunks), n * len as u64)));
+        group.bench_function(format!("{name}/hash"), |b| {
+            b.iter(|| {
+                for bytes in &payloads {
+                    black_box(digest_of(bytes));
+                }
+            })
+        });
+    }
+}
+
+fn writing(c: &mut Criterion) {
+    let mut group = c.benchmark_group("put");
+    group.sample_size(10);
+    for (name, n, len) in [("shard_64x60k_one_pack", 64, 60_000), ("shard_64x300k_objects", 64, 300_000)] {
+        group.throughput(Throughput::Bytes(n * len as u64));
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::open_or_create(dir.path()).unwrap();
+        let mut seed = 0;
+        group.bench_function(name, |b| {
+            let payloads = || {
+                seed += n;
+                (seed..seed + n).map(|i| noise(i, len)).collect::<Vec<_>>()
+            };
+            b.iter_batched(payloads, |payloads| assert_eq!(publish(&store, &payloads, Digest([2; 32])).len(), 64), BatchSize::PerIteration)
+        });
+    }
+}
+
+/// A store of a million chunks of 32 bytes in 1,000 packs, with a record for each hundred.
+fn opening(c: &mut Criterion) {
+    let mut group = c.benchmark_group("million_chunks");
+    group.sample_size(10);
+    let dir = tempfile::tempdir().unwrap();
+    let store = Store::open_or_create(dir.path()).unwrap();
+    let key = |shard: u64, i: u64| digest_of(format!("{shard} {i}").as_bytes());
+    for shard in 0..1000u64 {
+        let mut writer = store.writer();
+        for i in 0..10 {
+            let payloads = (0..100).map(|k| noise((shard * 10 + i) * 100 + k, 32));
+            let chunks = payloads.map(|bytes| writer.put(ChunkKind::Points, Dtype::U8, vec![32], &bytes).unwrap()).collect();
+            writer.record(key(shard, i), Record { chunks, data: Vec::new() });
+        }
+        writer.commit().unwrap();
+    }
+    let stats = store.stats().unwrap();
+    assert_eq!((stats.packed_chunks, stats.packs, stats.records), (1_000_000, 1000, 10_000));
+    group.bench_function("open", |b| b.iter(|| assert!(Store::open(dir.path()).unwrap().problems().is_empty())));
+    let mut i = 0;
+    group.bench_function("lookup_100_chunks", |b| {
+        b.iter(|| {
+            i = (i + 7919) % 10_000;
+            assert_eq!(store.lookup(&key(i / 10, i % 10)).unwrap().unwrap().chunks.len(), 100)
+        })
+    });
+}
+
+criterion_group!(benches, reading, writing, opening);
+criterion_main!(benches);
