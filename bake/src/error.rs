@@ -1,6 +1,7 @@
 //! What can go wrong in a bake, one variant per thing that a user can act on.
 
-use prelight_manifests::ManifestError;
+use crate::scene::SceneError;
+use prelight_manifests::{ByteSize, ManifestError};
 use prelight_runtime::error::RuntimeError;
 use prelight_store::StoreError;
 use std::path::Path;
@@ -9,6 +10,9 @@ use std::path::Path;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BakeError {
+    /// The glTF file is not usable. Boxed: it is the largest by far.
+    #[error(transparent)]
+    Scene(Box<SceneError>),
     /// The scene manifest or the asset manifest is not usable.
     #[error(transparent)]
     Manifest(#[from] ManifestError),
@@ -43,7 +47,7 @@ pub enum BakeError {
         source: std::io::Error,
     },
     /// The work does not fit the memory limit.
-    #[error("{what} needs {needed} bytes, the limit is {limit}\n  help: give --memory {needed} or more")]
+    #[error("{what} needs {}, the limit is {}\n  help: give --memory {}MiB or more", ByteSize(*needed), ByteSize(*limit), needed.div_ceil(1 << 20).max(1))]
     Memory {
         /// What was to be held.
         what: String,
@@ -66,5 +70,11 @@ impl BakeError {
     /// A result that cannot be written.
     pub fn output(path: &Path, source: std::io::Error) -> Self {
         BakeError::Output { path: path.display().to_string(), source }
+    }
+}
+
+impl From<SceneError> for BakeError {
+    fn from(error: SceneError) -> Self {
+        BakeError::Scene(Box::new(error))
     }
 }

@@ -231,3 +231,176 @@ fn colours_come_only_when_asked_for() {
     assert!(!coloured(prelight(folder.path()).args(arguments).env("CLICOLOR_FORCE", "1").env("NO_COLOR", "1").output().unwrap()));
     assert!(!coloured(prelight(folder.path()).args(arguments).env("CLICOLOR_FORCE", "1").arg("--color=never").output().unwrap()));
 }
+
+#[test]
+fn check_reads_everything_and_counts_warnings() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("sheet.gltf", minimal_gltf());
+    let output = run(folder.path(), &["check", "sheet.gltf", "--json", "--deny", "warnings"]);
+    let found = summary(&output);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!((&found["objects"], &found["triangles"]), (&1.into(), &1.into()));
+    assert_eq!(found["bounds"], serde_json::json!({ "min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 0.0] }));
+    assert_eq!(found["warnings"], serde_json::json!([]));
+
+    let scene = "format = 1\nscene.gltf = \"sheet.gltf\"\n[[object]]\nmatch = \"Shet\"\n";
+    write("scene.toml", scene);
+    let output = run(folder.path(), &["check"]);
+    assert_eq!(output.status.code(), Some(0));
+    assert!(stdout(&output).contains("1 warning"), "{}", stdout(&output));
+    assert!(stderr(&output).contains("warning: object[0].match = \"Shet\" matches no object"), "{}", stderr(&output));
+    assert_eq!(stderr(&run(folder.path(), &["check", "-q"])), "");
+    let denied = run(folder.path(), &["check", "--deny", "warnings", "--json"]);
+    assert_eq!(denied.status.code(), Some(4));
+    assert_eq!(summary(&denied)["warnings"].as_array().unwrap().len(), 1);
+
+    write("scene.toml", &format!("{scene}[[environment]]\nname = \"a\"\nimage = \"a.hdr\"\n"));
+    let missing = run(folder.path(), &["check"]);
+    assert_eq!(missing.status.code(), Some(3));
+    assert!(stderr(&missing).contains("a.hdr"), "{}", stderr(&missing));
+    write("a.hdr", "P6 1 1 255");
+    assert!(stderr(&run(folder.path(), &["check"])).contains("help: an environment is"));
+}
+
+#[test]
+fn a_scene_over_the_memory_limit_ends_with_7() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("sheet.gltf"), minimal_gltf()).unwrap();
+    let output = run(folder.path(), &["check", "sheet.gltf", "--memory", "100B"]);
+    assert_eq!(output.status.code(), Some(7), "{}", stderr(&output));
+    assert!(stderr(&output).contains("--memory"), "{}", stderr(&output));
+}
+
+#[test]
+fn stages_are_events_in_order_and_can_be_silenced() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("sheet.gltf"), minimal_gltf()).unwrap();
+    let events = |text: String| -> Vec<String> {
+        let event = |line: &str| serde_json::from_str::<Value>(line).unwrap()["event"].as_str().unwrap().to_string();
+        text.lines().map(event).collect()
+    };
+    assert_eq!(events(stdout(&run(folder.path(), &["check", "sheet.gltf", "--json"]))), ["begin", "end", "summary"]);
+    assert_eq!(events(stdout(&run(folder.path(), &["check", "sheet.gltf", "--json", "--progress", "never"]))), ["summary"]);
+    let output = run(folder.path(), &["check", "sheet.gltf", "--progress", "json"]);
+    assert_eq!(events(stderr(&output)), ["begin", "end"]);
+    assert!(stdout(&output).starts_with("sheet.gltf: 1 objects"), "{}", stdout(&output));
+}
+
+/// A 48 x 32 gradient with a square in it.
+fn picture(square: f32) -> prelight_runtime::draw::image::Image {
+    let mut image = prelight_runtime::draw::image::Image::black(48, 32);
+    for (i, pixel) in image.pixels.iter_mut().enumerate() {
+        let (x, y) = (i % 48, i / 48);
+        let inside = (16..32).contains(&x) && (8..24).contains(&y);
+        *pixel = if inside { [square; 3] } else { [0.2 + x as f32 / 96.0, 0.4, 0.3] };
+    }
+    image
+}
+
+#[test]
+fn diff_of_images_gives_metrics_and_fails_beyond_the_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: Vec<u8>| std::fs::write(folder.path().join(name), bytes).unwrap();
+    write("a.exr", picture(0.5).to_exr().unwrap());
+    write("b.exr", picture(0.25).to_exr().unwrap());
+    write("c.png", picture(0.5).to_png().unwrap());
+    write("small.exr", prelight_runtime::draw::image::Image::black(4, 4).to_exr().unwrap());
+
+    let same = summary(&run(folder.path(), &["diff", "a.exr", "a.exr", "--fail-above", "0", "--json"]));
+    assert_eq!((&same["psnr_db"], &same["flip"], &same["relative_l2"]), (&Value::Null, &0.0.into(), &0.0.into()));
+
+    let output = run(folder.path(), &["diff", "b.exr", "a.exr", "--json"]);
+    let differ = summary(&output);
+    assert_eq!(output.status.code(), Some(0), "without a limit a difference is only a figure");
+    let pixels = (picture(0.25).pixels, picture(0.5).pixels);
+    let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 {
+        pixels.0.iter().flatten().zip(pixels.1.iter().flatten()).map(|(a, b)| f(f64::from(*a), f64::from(*b))).sum()
+    };
+    let expected = (sum(&|a, b| (a - b) * (a - b)) / sum(&|_, b| b * b)).sqrt();
+    assert!((differ["relative_l2"].as_f64().unwrap() - expected).abs() < 1e-9, "{differ}");
+    let flip = differ["flip"].as_f64().unwrap();
+    assert!((0.005..1.0).contains(&flip) && differ["psnr_db"].as_f64().unwrap() < 60.0, "{differ}");
+
+    for (limit, code) in [(flip * 0.5, 4), (flip * 1.5, 0)] {
+        let output = run(folder.path(), &["diff", "b.exr", "a.exr", "--fail-above", &limit.to_string()]);
+        assert_eq!(output.status.code(), Some(code), "limit {limit}");
+        assert!(stdout(&output).contains("psnr_db"));
+    }
+    // A PNG holds the same picture to 8 bits.
+    assert!(summary(&run(folder.path(), &["diff", "c.png", "a.exr", "--json"]))["flip"].as_f64().unwrap() < 0.05);
+    let sizes = run(folder.path(), &["diff", "small.exr", "a.exr"]);
+    assert_eq!(sizes.status.code(), Some(3));
+    assert!(stderr(&sizes).contains("4 x 4") && stderr(&sizes).contains("48 x 32"), "{}", stderr(&sizes));
+    assert_eq!(run(folder.path(), &["diff", "missing.png", "a.exr"]).status.code(), Some(3));
+}
+
+/// An asset of one object with `n` patches, whose chunks come from `seed`.
+fn asset(name: &str, n: u8, seed: u8) -> prelight_manifests::AssetManifest {
+    use prelight_manifests::asset::{AssetContent, AssetObject, AssetPatch};
+    use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
+    let chunk = |kind, id: u8| Descriptor { kind, digest: Digest([id; 32]), bytes: 1000, dtype: Dtype::U8, shape: vec![1000] };
+    let patch = |k: u8| AssetPatch {
+        n_points: 10,
+        points: chunk(ChunkKind::Points, seed + 3 * k),
+        surface: chunk(ChunkKind::Surface, seed + 3 * k + 1),
+        visibility: chunk(ChunkKind::Visibility, seed + 3 * k + 2),
+    };
+    let object = AssetObject {
+        name: name.into(),
+        technique: "block_product".into(),
+        n_points: 10 * u32::from(n),
+        n_triangles: 2,
+        mesh: chunk(ChunkKind::Mesh, 4),
+        patches: (0..n).map(patch).collect(),
+    };
+    prelight_manifests::AssetManifest {
+        format: 1,
+        asset_digest: Digest([seed; 32]),
+        content: AssetContent {
+            algorithm_version: 1,
+            face_resolution: 64,
+            objects: vec![object],
+            materials: chunk(ChunkKind::Materials, 1),
+            textures: Vec::new(),
+            cameras: chunk(ChunkKind::Cameras, 2),
+            names: chunk(ChunkKind::Names, 3),
+            bounds: [[0.0; 3], [1.0; 3]],
+        },
+        report: Default::default(),
+    }
+}
+
+#[test]
+fn diff_of_assets_counts_chunks_and_names_objects() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, asset: prelight_manifests::AssetManifest| {
+        std::fs::write(folder.path().join(name), asset.to_text()).unwrap();
+    };
+    write("a.json", asset("Sofa", 3, 10));
+    let mut reported = asset("Sofa", 3, 10);
+    reported.report.insert("machine".into(), "another".into());
+    write("same.json", reported);
+    write("moved.json", asset("Sofa", 3, 13));
+    write("other.json", asset("Chair", 3, 10));
+
+    let equal = run(folder.path(), &["diff", "same.json", "a.json", "--json"]);
+    assert_eq!(equal.status.code(), Some(0), "the report is no difference");
+    assert_eq!(summary(&equal)["equal"], true);
+
+    let output = run(folder.path(), &["diff", "moved.json", "a.json", "--json"]);
+    let differ = summary(&output);
+    assert_eq!(output.status.code(), Some(4));
+    // Seeds 13..22 against 10..19: three chunks differ on each side, six and the four shared ones are the same.
+    assert_eq!(differ["chunks"], serde_json::json!({ "both": 10, "only_test": 3, "only_reference": 3 }));
+    assert_eq!(differ["bytes"]["only_test"], 3000);
+    assert_eq!(differ["objects"], serde_json::json!({ "added": [], "removed": [], "changed": ["Sofa"] }));
+
+    let renamed = run(folder.path(), &["diff", "other.json", "a.json"]);
+    assert_eq!(renamed.status.code(), Some(4), "a renamed object with the same chunks is a difference");
+    assert!(stdout(&renamed).contains("added object  Chair") && stdout(&renamed).contains("removed object  Sofa"), "{}", stdout(&renamed));
+
+    std::fs::write(folder.path().join("a.exr"), picture(0.5).to_exr().unwrap()).unwrap();
+    assert_eq!(run(folder.path(), &["diff", "a.exr", "a.json"]).status.code(), Some(3));
+    assert_eq!(run(folder.path(), &["diff", "a.json", "a.json", "--fail-above", "1"]).status.code(), Some(2));
+}

@@ -1,13 +1,21 @@
 //! `prelight diff`: two images by their metrics, or two assets by their chunks.
 
+use super::read::{parse_asset, read};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
+use prelight_manifests::{AssetManifest, ByteSize, Descriptor};
+use prelight_runtime::draw::image::Image;
+use prelight_runtime::draw::metrics::{self, Metrics};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
+
+/// Objects named in the text for people; the JSON has them all.
+const MAX_LISTED: usize = 10;
 
 /// Compare two images (metrics) or two assets (chunks)
 #[derive(Args, Debug)]
 pub struct DiffArgs {
-    /// Image (.png, .exr) or asset to judge
+    /// Image (.png, .exr) or asset (.json) to judge
     #[arg(value_name = "TEST")]
     pub test: PathBuf,
     /// What it is compared with
@@ -19,6 +27,121 @@ pub struct DiffArgs {
 }
 
 /// Runs the verb.
-pub fn run(_args: DiffArgs, _context: &Context) -> Result<Summary, Failure> {
-    Err(Failure::text(ExitCode::Failed, "`diff` is not in this build yet"))
+pub fn run(args: DiffArgs, context: &Context) -> Result<Summary, Failure> {
+    let paths = [&args.test, &args.reference];
+    let files = [read(paths[0], context.memory)?, read(paths[1], context.memory)?];
+    match files.each_ref().map(|bytes| is_asset(bytes)) {
+        [true, true] => {
+            if args.fail_above.is_some() {
+                let text = "--fail-above is for images; assets differ or they do not\n  help: leave it out";
+                return Err(Failure::text(ExitCode::Usage, text));
+            }
+            Ok(diff_assets([&parse_asset(paths[0], &files[0])?, &parse_asset(paths[1], &files[1])?]))
+        }
+        [false, false] => {
+            // Metrics hold a handful of copies of both images.
+            let limit = context.memory.0 / 4;
+            let image = |i: usize| Image::from_bytes(&files[i], &paths[i].display().to_string(), limit);
+            let images = [image(0)?, image(1)?];
+            drop(files);
+            diff_images(&args, &images)
+        }
+        kinds => {
+            let word = |is_asset: bool| if is_asset { "an asset" } else { "no asset" };
+            let text = format!(
+                "{} is {}, {} is {}\n  help: give two images or two assets",
+                paths[0].display(),
+                word(kinds[0]),
+                paths[1].display(),
+                word(kinds[1])
+            );
+            Err(Failure::text(ExitCode::Input, text))
+        }
+    }
+}
+
+/// JSON begins with a brace; no image format does.
+fn is_asset(bytes: &[u8]) -> bool {
+    bytes.trim_ascii_start().first() == Some(&b'{')
+}
+
+fn diff_images(args: &DiffArgs, [test, reference]: &[Image; 2]) -> Result<Summary, Failure> {
+    let sizes = [test, reference].map(|image| (image.width, image.height));
+    if sizes[0] != sizes[1] {
+        let text = format!(
+            "{} has {} x {} pixels, {} has {} x {}\n  help: render both with the same --size",
+            args.test.display(),
+            sizes[0].0,
+            sizes[0].1,
+            args.reference.display(),
+            sizes[1].0,
+            sizes[1].1
+        );
+        return Err(Failure::text(ExitCode::Input, text));
+    }
+    let metrics: Metrics = metrics::compare(test, reference, &[], None, None)?;
+    let scores = metrics.frame;
+    let mut summary = Summary::new();
+    summary.set("psnr_db", scores.psnr_db).set("relative_l2", scores.relative_l2).set("flip", scores.flip);
+    summary.set("exposure", metrics.exposure).set("not_finite", metrics.not_finite);
+    if let Some(limit) = args.fail_above {
+        let found = scores.flip > f64::from(limit);
+        summary.set("fail_above", f64::from(limit)).set("failed", found);
+        if found {
+            summary.exit_code = ExitCode::Found;
+        }
+    }
+    Ok(summary)
+}
+
+fn diff_assets([test, reference]: [&AssetManifest; 2]) -> Summary {
+    let chunks = [test, reference].map(|asset| {
+        let by_digest = |descriptor: &Descriptor| (descriptor.digest, descriptor.bytes);
+        asset.content.descriptors().map(by_digest).collect::<BTreeMap<_, _>>()
+    });
+    let only = |a: usize, b: usize| {
+        let unique = chunks[a].iter().filter(|(digest, _)| !chunks[b].contains_key(digest));
+        unique.fold((0u64, 0u64), |(count, bytes), (_, size)| (count + 1, bytes + size))
+    };
+    let (only_test, only_reference) = (only(0, 1), only(1, 0));
+    let both = chunks[0].len() as u64 - only_test.0;
+    let equal = test.content.canonical() == reference.content.canonical();
+
+    let objects = [test, reference]
+        .map(|asset| asset.content.objects.iter().map(|object| (object.name.as_str(), object)).collect::<BTreeMap<_, _>>());
+    let missing = |a: usize, b: usize| -> Vec<&str> { objects[a].keys().copied().filter(|name| !objects[b].contains_key(name)).collect() };
+    let (added, removed) = (missing(0, 1), missing(1, 0));
+    let changed: Vec<&str> = objects[0]
+        .iter()
+        .filter(|(name, object)| objects[1].get(*name).is_some_and(|other| other != *object))
+        .map(|(name, _)| *name)
+        .collect();
+
+    let mut summary = Summary::new();
+    summary.set("equal", equal);
+    summary.set("asset_digest.test", test.asset_digest.to_string());
+    summary.set("asset_digest.reference", reference.asset_digest.to_string());
+    summary.set("chunks.both", both);
+    for (name, (count, bytes)) in [("only_test", only_test), ("only_reference", only_reference)] {
+        summary.set(&format!("chunks.{name}"), count).set(&format!("bytes.{name}"), bytes);
+    }
+    let mut text = if equal { "the assets are equal\n".to_string() } else { "the assets differ\n".to_string() };
+    text += &format!("  chunks in both          {both}\n");
+    for (name, (count, bytes)) in [("test", only_test), ("reference", only_reference)] {
+        text += &format!("  {:24}{count} ({})\n", format!("only in {name}"), ByteSize(bytes));
+    }
+    for (name, list) in [("added", &added), ("removed", &removed), ("changed", &changed)] {
+        summary.set(&format!("objects.{name}"), list.clone());
+        for object in list.iter().take(MAX_LISTED) {
+            text += &format!("  {name} object  {object}\n");
+        }
+        if list.len() > MAX_LISTED {
+            text += &format!("  and {} more {name}\n", list.len() - MAX_LISTED);
+        }
+    }
+    summary.set_text(text);
+    if !equal {
+        summary.exit_code = ExitCode::Found;
+    }
+    summary
 }

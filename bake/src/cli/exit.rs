@@ -1,6 +1,7 @@
 //! Exit codes, and which error has which.
 
 use prelight_bake::BakeError;
+use prelight_bake::scene::SceneError;
 use prelight_manifests::ManifestError;
 use prelight_runtime::error::RuntimeError;
 use prelight_store::StoreError;
@@ -42,6 +43,17 @@ pub struct Failure {
     pub error: anyhow::Error,
 }
 
+/// An error, taken apart: errors of the libraries carry `  --> place` and `  help: …` as lines of their own.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub struct Words {
+    /// The chain of causes on one line; what the message before already quotes is not repeated.
+    pub message: String,
+    /// Where.
+    pub places: Vec<String>,
+    /// What to do.
+    pub help: Vec<String>,
+}
+
 impl Failure {
     /// A failure with a code chosen by the caller.
     pub fn new(code: ExitCode, error: impl Into<anyhow::Error>) -> Self {
@@ -53,27 +65,33 @@ impl Failure {
         Failure { code, error: anyhow::Error::msg(text.into()) }
     }
 
-    /// What went wrong, on one line or few, and the help lines, in order.
-    ///
-    /// Causes that the message before already quotes are not repeated.
-    pub fn words(&self) -> (String, Vec<String>) {
-        let (mut message, mut help) = (String::new(), Vec::new());
+    /// What to say, taken apart.
+    pub fn words(&self) -> Words {
+        let mut words = Words::default();
         for cause in self.error.chain() {
             let text = cause.to_string();
-            let mut parts = text.split("\n  help: ");
-            let head = parts.next().unwrap_or_default().trim();
-            for line in parts.map(str::trim) {
-                if !help.iter().any(|known| known == line) {
-                    help.push(line.to_string());
+            let mut head = Vec::new();
+            for line in text.lines() {
+                let (list, line) = match (line.strip_prefix("  help: "), line.strip_prefix("  --> ")) {
+                    (Some(help), _) => (&mut words.help, help.trim()),
+                    (_, Some(place)) => (&mut words.places, place.trim()),
+                    _ => {
+                        head.push(line.trim());
+                        continue;
+                    }
+                };
+                if !list.iter().any(|known| known == line) {
+                    list.push(line.to_string());
                 }
             }
-            if message.is_empty() {
-                message = head.to_string();
-            } else if !message.contains(head) {
-                message = format!("{message}: {head}");
+            let head = head.join(" ");
+            if words.message.is_empty() {
+                words.message = head;
+            } else if !words.message.contains(&head) {
+                words.message = format!("{}: {head}", words.message);
             }
         }
-        (message, help)
+        words
     }
 }
 
@@ -93,6 +111,7 @@ fn code_of_cause(cause: &(dyn std::error::Error + 'static)) -> Option<ExitCode> 
     if let Some(error) = cause.downcast_ref::<BakeError>() {
         return Some(match error {
             BakeError::Manifest(_) | BakeError::Input { .. } | BakeError::Unsupported { .. } => ExitCode::Input,
+            BakeError::Scene(error) => of_scene(error),
             BakeError::Runtime(error) => of_runtime(error),
             BakeError::Store(error) => of_store(error),
             BakeError::Output { source, .. } => of_io(source),
@@ -100,6 +119,9 @@ fn code_of_cause(cause: &(dyn std::error::Error + 'static)) -> Option<ExitCode> 
             BakeError::Cancelled => ExitCode::Interrupted,
             _ => ExitCode::Failed,
         });
+    }
+    if let Some(error) = cause.downcast_ref::<SceneError>() {
+        return Some(of_scene(error));
     }
     if let Some(error) = cause.downcast_ref::<RuntimeError>() {
         return Some(of_runtime(error));
@@ -111,6 +133,10 @@ fn code_of_cause(cause: &(dyn std::error::Error + 'static)) -> Option<ExitCode> 
         return Some(ExitCode::Input);
     }
     cause.downcast_ref::<std::io::Error>().map(of_io)
+}
+
+fn of_scene(error: &SceneError) -> ExitCode {
+    if matches!(error, SceneError::Memory { .. }) { ExitCode::Limit } else { ExitCode::Input }
 }
 
 fn of_runtime(error: &RuntimeError) -> ExitCode {
@@ -176,12 +202,22 @@ mod tests {
     fn words_join_the_chain_once_and_collect_help() {
         let source = std::io::Error::other("permission denied");
         let error = anyhow::Error::new(BakeError::Input { path: "room.glb".into(), source }).context("checking");
-        let (message, help) = Failure::from(error).words();
-        assert_eq!(message, "checking: cannot read room.glb: permission denied");
-        assert!(help.is_empty());
-        let (message, help) = Failure::from(BakeError::Cancelled).words();
-        assert_eq!(message, "interrupted");
-        assert_eq!(help.len(), 1);
-        assert!(help[0].starts_with("run the same command again"), "{help:?}");
+        let words = Failure::from(error).words();
+        assert_eq!(words.message, "checking: cannot read room.glb: permission denied");
+        assert!(words.help.is_empty() && words.places.is_empty());
+        let words = Failure::from(BakeError::Cancelled).words();
+        assert_eq!(words.message, "interrupted");
+        assert_eq!(words.help.len(), 1);
+        assert!(words.help[0].starts_with("run the same command again"), "{words:?}");
+        let scene = SceneError::Extension {
+            file: "room.glb".into(),
+            name: "KHR_texture_basisu".into(),
+            at: "extensionsRequired[1]".into(),
+            used_by: "used by 12 textures".into(),
+            help: "convert the textures".into(),
+        };
+        let words = Failure::from(BakeError::from(scene)).words();
+        assert_eq!(words.message, "room.glb requires KHR_texture_basisu, which this build cannot read");
+        assert_eq!((words.places.len(), words.help), (1, vec!["convert the textures".to_string()]));
     }
 }

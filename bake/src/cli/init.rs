@@ -4,6 +4,7 @@ use super::output::write_atomically;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_bake::BakeError;
+use prelight_bake::Progress;
 use prelight_bake::scene::input::SceneInput;
 use prelight_manifests::scene::template::Template;
 use std::path::{Component, Path, PathBuf};
@@ -38,7 +39,13 @@ pub fn run(args: InitArgs, context: &Context) -> Result<Summary, Failure> {
         return Err(Failure::text(ExitCode::Failed, text));
     }
     let gltf = relative_path(&args.gltf, &args.output)?;
-    let template = Template { gltf, ..Template::default() };
+    let scene = input.load(context.memory.0)?.scene;
+    for warning in &scene.warnings {
+        context.reporter.warning(warning);
+    }
+    let materials = scene.materials.iter().map(|material| material.name.clone()).filter(|name| !name.is_empty()).collect();
+    let objects = scene.objects.iter().map(|object| object.name.clone()).collect();
+    let template = Template { gltf, materials, objects, ..Template::default() };
     let text = template.text();
     if !context.dry_run {
         write_atomically(&args.output, |out| out.write_all(text.as_bytes()))?;

@@ -15,6 +15,7 @@ mod inspect;
 mod interrupt;
 mod output;
 mod plan;
+mod read;
 mod render;
 mod reporter;
 mod schema;
@@ -22,7 +23,7 @@ mod style;
 mod summary;
 
 pub use context::Context;
-pub use exit::{ExitCode, Failure};
+pub use exit::{ExitCode, Failure, Words};
 pub use summary::Summary;
 
 use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -128,17 +129,17 @@ fn run(arguments: &[OsString]) -> ExitCode {
             summary.exit_code
         }
         Err(failure) => {
-            let (message, help) = failure.words();
+            let words = failure.words();
             if global.json {
-                stdout.line(&summary::failure_to_json(name, failure.code, &message, &help).to_string());
+                stdout.line(&summary::failure_to_json(name, failure.code, &words).to_string());
             }
-            complain(&message, &help);
+            complain(&words);
             failure.code
         }
     };
     match stdout.take_error() {
         Some(error) if code == ExitCode::Done => {
-            complain(&format!("cannot write the result: {error}"), &[]);
+            complain(&Words { message: format!("cannot write the result: {error}"), ..Words::default() });
             exit::of_io(&error)
         }
         _ => code,
@@ -170,10 +171,13 @@ fn run_verb(verb: Verb, global: &GlobalArgs, reporter: &Reporter) -> Result<Summ
     })
 }
 
-/// `error: …`, then its help lines, on stderr.
-fn complain(message: &str, help: &[String]) {
-    talk(&format!("{} {message}", style::error()));
-    for line in help {
+/// `error: …`, then where, then what to do, on stderr.
+fn complain(words: &Words) {
+    talk(&format!("{} {}", style::error(), words.message));
+    for place in &words.places {
+        talk(&format!("  --> {place}"));
+    }
+    for line in &words.help {
         talk(&format!("  {} {line}", style::help()));
     }
 }
@@ -200,7 +204,8 @@ fn usage(error: &clap::Error, arguments: &[OsString], stdout: &Stdout) -> ExitCo
     if arguments.iter().any(|argument| argument == "--json") {
         let text = error.to_string();
         let message = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_string();
-        stdout.line(&summary::failure_to_json("", ExitCode::Usage, &message, &[]).to_string());
+        let words = Words { message, ..Words::default() };
+        stdout.line(&summary::failure_to_json("", ExitCode::Usage, &words).to_string());
     }
     // Printed by clap, which knows about colours; a closed stderr is nobody's to mend.
     let _ = error.print();

@@ -1,6 +1,6 @@
 //! What a verb says when it is done: fields for programs, a small table or a text for people.
 
-use super::exit::ExitCode;
+use super::exit::{ExitCode, Words};
 use prelight_manifests::version::EVENT_VERSION;
 use serde_json::{Map, Value};
 
@@ -73,11 +73,13 @@ impl Summary {
 }
 
 /// The last line of `--json` when the verb failed.
-pub fn failure_to_json(verb: &str, exit_code: ExitCode, message: &str, help: &[String]) -> Value {
+pub fn failure_to_json(verb: &str, exit_code: ExitCode, words: &Words) -> Value {
     let mut event = head(verb, exit_code);
-    event.insert("error".into(), message.into());
-    if !help.is_empty() {
-        event.insert("help".into(), help.to_vec().into());
+    event.insert("error".into(), words.message.as_str().into());
+    for (name, lines) in [("at", &words.places), ("help", &words.help)] {
+        if !lines.is_empty() {
+            event.insert(name.into(), lines.clone().into());
+        }
     }
     Value::Object(event)
 }

@@ -1,5 +1,7 @@
 //! From the path that a person gave to a scene manifest and the folder that its paths are relative to.
 
+use super::overrides::{self, ObjectKnobs};
+use super::{Scene, gltf};
 use crate::error::BakeError;
 use prelight_manifests::SceneManifest;
 use prelight_manifests::scene::EnvironmentEntry;
@@ -18,6 +20,15 @@ pub struct SceneInput {
     pub file: PathBuf,
     /// Folder that paths in the manifest are relative to; empty for the current one.
     pub folder: PathBuf,
+}
+
+/// A scene with its manifest's rules applied.
+#[derive(Clone, Debug)]
+pub struct LoadedScene {
+    /// Geometry, materials as changed by `[[material]]`, warnings.
+    pub scene: Scene,
+    /// One per object: `[bake]` with `[[object]]` over it.
+    pub knobs: Vec<ObjectKnobs>,
 }
 
 impl SceneInput {
@@ -57,6 +68,17 @@ impl SceneInput {
     /// The image of one of the manifest's environments.
     pub fn environment_path(&self, entry: &EnvironmentEntry) -> PathBuf {
         self.folder.join(&entry.image)
+    }
+
+    /// Reads the glTF file and applies the manifest's rules: what planning works on. Warnings of both are in [`Scene::warnings`].
+    ///
+    /// `memory` bounds what loading may hold, bytes.
+    pub fn load(&self, memory: u64) -> Result<LoadedScene, BakeError> {
+        let mut scene = gltf::load(&self.gltf_path(), &gltf::LoadLimits { max_bytes: memory })?;
+        overrides::apply_materials(&self.manifest, &mut scene)?;
+        let (knobs, warnings) = overrides::object_knobs(&self.manifest, &scene.objects)?;
+        scene.warnings.extend(warnings);
+        Ok(LoadedScene { scene, knobs })
     }
 
     /// What results are named after: `room` for `room.glb` and for `room.toml`.

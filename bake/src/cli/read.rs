@@ -1,0 +1,68 @@
+//! Input files, whole, within the memory limit.
+
+use prelight_bake::BakeError;
+use prelight_manifests::{AssetManifest, ByteSize};
+use std::io::Read;
+use std::path::Path;
+
+/// Reads a file of at most `limit` bytes. A file that grows while it is read stops at the limit too.
+pub fn read(path: &Path, limit: ByteSize) -> Result<Vec<u8>, BakeError> {
+    let input = |source| BakeError::input(path, source);
+    let file = std::fs::File::open(path).map_err(input)?;
+    let metadata = file.metadata().map_err(input)?;
+    if metadata.is_dir() {
+        return Err(input(std::io::Error::from(std::io::ErrorKind::IsADirectory)));
+    }
+    let too_large = |needed: u64| BakeError::Memory { what: format!("reading {}", path.display()), needed, limit: limit.0 };
+    if metadata.len() > limit.0 {
+        return Err(too_large(metadata.len()));
+    }
+    let mut bytes = Vec::new();
+    file.take(limit.0.saturating_add(1)).read_to_end(&mut bytes).map_err(input)?;
+    if bytes.len() as u64 > limit.0 {
+        return Err(too_large(bytes.len() as u64));
+    }
+    Ok(bytes)
+}
+
+/// Parses an asset manifest from a file's bytes.
+pub fn parse_asset(path: &Path, bytes: &[u8]) -> Result<AssetManifest, BakeError> {
+    let name = path.display().to_string();
+    let text = std::str::from_utf8(bytes).map_err(|_| BakeError::Unsupported {
+        what: format!("{name} is not an asset: it is not UTF-8 text"),
+        help: "name the .prelight.json file that `prelight bake` wrote".to_string(),
+    })?;
+    Ok(AssetManifest::parse(&name, text)?)
+}
+
+/// Looks whether an environment image is there and of a kind that can be read; what a person should know about it comes back.
+pub fn check_environment(path: &Path, limit: ByteSize) -> Result<Vec<String>, BakeError> {
+    let bytes = read(path, limit)?;
+    if !bytes.starts_with(b"#?") && !bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
+        return Err(BakeError::Unsupported {
+            what: format!("{} is neither a Radiance .hdr nor an OpenEXR image", path.display()),
+            help: "an environment is a lat-long image in one of these formats".to_string(),
+        });
+    }
+    Ok(Vec::new())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_over_the_limit_are_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        std::fs::write(&path, [1u8; 100]).unwrap();
+        assert_eq!(read(&path, ByteSize(100)).unwrap().len(), 100);
+        assert!(matches!(read(&path, ByteSize(99)), Err(BakeError::Memory { needed: 100, limit: 99, .. })));
+        for missing in [folder.path().to_path_buf(), folder.path().join("b")] {
+            assert!(matches!(read(&missing, ByteSize(1)), Err(BakeError::Input { .. })), "{}", missing.display());
+        }
+        if cfg!(target_os = "linux") {
+            assert!(matches!(read(Path::new("/dev/zero"), ByteSize(5)), Err(BakeError::Memory { .. })), "an endless file ends");
+        }
+    }
+}
