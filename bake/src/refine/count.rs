@@ -1,0 +1,156 @@
+//! How many points an edge length makes, counted without building a mesh, and the edge length that a number of points affords.
+//!
+//! A base triangle is refined by its own edges only, so its refined triangles F can be counted by itself, and the pieces that its
+//! edges end in, B, likewise. Euler's formula for a triangulated disc gives its inner points: 1 + (F − B)/2. Points on base edges are
+//! counted once an edge of the welded mesh. Exact but for edges that are split because a neighbour across a hard edge asks for it.
+
+use super::cells::{Cut, cut};
+use super::edge::{EdgeRule, End, edge_key, mean_normal, midpoint};
+use crate::plan::params::{PlanError, PointParams};
+use crate::plan::weld::{BaseMesh, wide};
+use crate::scene::Scene;
+use crate::scene::world::World;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Points (both sides counted) and refined triangles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PointCount {
+    /// Points.
+    pub points: u64,
+    /// Triangles.
+    pub triangles: u64,
+}
+
+/// Counts one object. Stops early, with a figure above it, once more than `enough` triangles are counted.
+pub fn count_object(base: &BaseMesh, params: &PointParams, enough: u64) -> PointCount {
+    let mut counter = Counter { rule: EdgeRule::new(params), max_level: params.max_level, enough, faces: 0 };
+    let end = |p: u32| (End { position: base.points.position[p as usize], normal: base.points.normal[p as usize] }, 0);
+    let sides = |primitive: u32| if base.primitives[primitive as usize].double_sided { 2 } else { 1 };
+
+    let mut points: u64 = base.points.primitive.iter().map(|&p| sides(p)).sum();
+    let mut edges = Vec::with_capacity(3 * base.triangles.len());
+    for (index, triangle) in base.triangles.iter().enumerate() {
+        let corners = base.corner_points(index as u32);
+        let before = counter.faces;
+        cut(&mut counter, corners.map(end));
+        if counter.is_full() {
+            return PointCount { points, triangles: counter.faces };
+        }
+        let faces = counter.faces - before;
+        let border: u64 = (0..3).map(|k| counter.pieces(end(corners[k]), end(corners[(k + 1) % 3]))).sum();
+        points += sides(triangle.primitive) * ((faces + 2 - border) / 2);
+        edges.extend((0..3).map(|k| (edge_key(corners[k], corners[(k + 1) % 3]), triangle.primitive)));
+    }
+    edges.sort_unstable();
+    edges.dedup_by_key(|e| e.0);
+    for (key, primitive) in edges {
+        points += sides(primitive) * (counter.pieces(end((key >> 32) as u32), end(key as u32)) - 1);
+    }
+    PointCount { points, triangles: counter.faces }
+}
+
+struct Counter {
+    rule: EdgeRule,
+    max_level: u32,
+    enough: u64,
+    faces: u64,
+}
+
+/// An end and its level.
+type Node = (End, u32);
+
+impl Counter {
+    /// Pieces that an edge ends in.
+    fn pieces(&mut self, a: Node, b: Node) -> u64 {
+        self.middle(a, b).map_or(1, |m| self.pieces(a, m) + self.pieces(m, b))
+    }
+}
+
+impl Cut for Counter {
+    type Node = Node;
+
+    fn middle(&mut self, (a, i): Node, (b, j): Node) -> Option<Node> {
+        let level = i.max(j) + 1;
+        let middle = || End { position: midpoint(a.position, b.position), normal: mean_normal(a, b) };
+        (level <= self.max_level && self.rule.splits(a, b)).then(|| (middle(), level))
+    }
+
+    fn inner_edge(&mut self, _: Node, _: Node) {}
+
+    fn position(&self, node: Node) -> DVec3 {
+        wide(node.0.position)
+    }
+
+    fn emit(&mut self, _: [Node; 3]) {
+        self.faces += 1;
+    }
+
+    fn is_full(&self) -> bool {
+        self.faces > self.enough
+    }
+}
+
+/// Smallest edge length, to three digits, at which the scene has at most `target_points` points; the other knobs come from `params`,
+/// the area floor follows the edge length.
+///
+/// Never longer than the longest base edge, where the mesh's own density begins: a target below the base points gives that. Objects are
+/// counted in parallel; the result does not depend on threads. Meant to be called once, printed, and pinned in the scene's manifest.
+pub fn edge_length_for_points(scene: &Scene, world: &World, params: &PointParams, target_points: u64) -> Result<f32, PlanError> {
+    params.check()?;
+    let objects: Vec<BaseMesh> = (0..scene.objects.len()).into_par_iter().map(|o| BaseMesh::build(scene, world, o)).collect();
+    let longest = objects.par_iter().map(longest_edge).reduce(|| 0.0, f64::max) as f32;
+    if !(longest > 0.0 && longest.is_finite()) {
+        return Ok(params.edge_length);
+    }
+    // A refined triangle carries at least a quarter of a point but for tiny meshes, so counting may stop at 4 × target triangles.
+    let enough = target_points.saturating_mul(4).saturating_add(1000);
+    let fits = |length: f32| {
+        let params = params.with_edge_length(length);
+        let counts = objects.par_iter().map(|base| count_object(base, &params, enough));
+        let total =
+            counts.reduce(PointCount::default, |a, b| PointCount { points: a.points + b.points, triangles: a.triangles + b.triangles });
+        total.points <= target_points && total.triangles <= enough
+    };
+    let mut upper = round_up(longest);
+    let mut lower = upper;
+    while fits(lower) {
+        upper = lower;
+        lower *= 0.5;
+        if lower < longest * (1.0 / 32768.0) {
+            return Ok(round_up(upper));
+        }
+    }
+    if lower == upper {
+        return Ok(upper);
+    }
+    // Between lower (too many) and upper (fits): 1/1024 of an octave is finer than three digits.
+    for _ in 0..10 {
+        let middle = 0.5 * (lower + upper);
+        if fits(middle) { upper = middle } else { lower = middle }
+    }
+    Ok(round_up(upper))
+}
+
+fn longest_edge(base: &BaseMesh) -> f64 {
+    let edges = (0..base.triangles.len() as u32).flat_map(|t| {
+        let [a, b, c] = base.corner_positions(t).map(wide);
+        [(b - a).length(), (c - b).length(), (a - c).length()]
+    });
+    edges.fold(0.0, f64::max)
+}
+
+/// To three decimal digits, upwards.
+fn round_up(length: f32) -> f32 {
+    let mut unit = 1.0f64;
+    while unit * 1000.0 <= f64::from(length) {
+        unit *= 10.0;
+    }
+    while unit * 100.0 > f64::from(length) {
+        unit /= 10.0;
+    }
+    let digits = (f64::from(length) / unit - 1e-6).ceil();
+    // Dividing by a whole number gives the f32 nearest to the decimal.
+    let rounded = if unit < 1.0 { digits / (1.0 / unit).round() } else { digits * unit };
+    rounded as f32
+}
