@@ -1,8 +1,24 @@
-//! Block products: binary visibility times light, summed exactly where the runs of open texels begin and end.
+//! Block products: binary visibility times light times surface, summed where the runs of open texels begin and end.
 //!
-//! [`visibility`] is the chunk that a bake writes, one run-length list per point along the Hilbert order of the cubemap. Source: \[IFL\],
-//! with the changes of order and of table that make the diffuse product exact.
+//! | factor | file |
+//! |---|---|
+//! | V | [`visibility`]: the chunk that a bake writes, one run-length list per point along the Hilbert order of the cubemap |
+//! | L | [`light`]: an environment prepared once: suffix sums of its moments, and its flux |
+//! | ρ | [`brdf`]: the GGX lobe as a cubemap can hold it |
+//! | B | [`shade_diffuse`]: exact vector irradiance; [`shade_glossy`]: two Schlick terms |
+//!
+//! Source: \[IFL\], with the changes of order and of table that make the diffuse product exact. One call shades one patch; callers thread
+//! over patches.
 
+pub mod brdf;
+mod diffuse;
+mod dispatch;
+mod glossy;
+pub mod light;
 pub mod visibility;
 
+pub use diffuse::{shade_diffuse, shade_diffuse_with};
+pub use dispatch::SimdPath;
+pub use glossy::{Glossy, shade_glossy, shade_glossy_with};
+pub use light::Light;
 pub use visibility::{PointVisibility, Visibility};

@@ -1,0 +1,60 @@
+//! The oracle: products over every open texel, one by one, in f64.
+//!
+//! ```text
+//! diffuse   E[c][a]  = Σ_open ∫_texel L_c ω_a dω                      vector irradiance
+//! glossy    B[s][c]  = Σ_open (∫_texel L_c dω) · g_s(l_texel)         s = 0 the factor of F0, s = 1 the rest
+//! ```
+//!
+//! g is `block_product::brdf::TexelLobe`, the GGX lobe as a cubemap of this size can hold it. Nothing else is approximated: what a
+//! technique loses on the same texels and the same bits is its distance from here.
+
+use crate::block_product::brdf::TexelLobe;
+use crate::environment::LightCubemap;
+use crate::sphere::cubemap::{texel_solid_angle, texel_unit_direction};
+
+/// Vector irradiance `[channel][axis]` over the open texels, W·m⁻². `open`: one point's words, `block_product::visibility::open_words`.
+pub fn diffuse(light: &LightCubemap, open: &[u64]) -> [[f64; 3]; 3] {
+    let moment = &light.moment;
+    assert_eq!(moment.len(), 64 * open.len(), "one bit per texel");
+    let mut sum = [[0.0; 3]; 3];
+    for texel in open_texels(open) {
+        for channel in 0..3 {
+            (0..3).for_each(|axis| sum[channel][axis] += f64::from(moment[texel][channel][axis]));
+        }
+    }
+    sum
+}
+
+/// Glossy radiance `[term][channel]` toward `v` of a surface with normal `n`, both unit: the factor of F0, and the rest.
+///
+/// `open`: one point's words.
+pub fn glossy(light: &LightCubemap, open: &[u64], n: [f32; 3], v: [f32; 3], roughness: f32) -> [[f64; 3]; 2] {
+    let (face_resolution, flux) = (light.face_resolution, &light.flux);
+    assert_eq!(flux.len(), 64 * open.len(), "one bit per texel");
+    let mut lobe = TexelLobe::new(n, v, roughness, face_resolution);
+    if lobe.needs_normalising() {
+        let energy =
+            (0..flux.len()).map(|texel| lobe.value(direction(face_resolution, texel))[2] * solid_angle(face_resolution, texel)).sum();
+        lobe.normalise(energy);
+    }
+    let mut sum = [[0.0; 3]; 2];
+    for texel in open_texels(open) {
+        let value = lobe.value(direction(face_resolution, texel));
+        for term in 0..2 {
+            (0..3).for_each(|channel| sum[term][channel] += f64::from(flux[texel][channel]) * value[term]);
+        }
+    }
+    sum
+}
+
+fn open_texels(open: &[u64]) -> impl Iterator<Item = usize> + '_ {
+    (0..64 * open.len()).filter(|texel| open[texel / 64] >> (texel % 64) & 1 == 1)
+}
+
+fn direction(n: usize, texel: usize) -> [f64; 3] {
+    texel_unit_direction(n, texel / (n * n), texel % n, texel / n % n).map(f64::from)
+}
+
+fn solid_angle(n: usize, texel: usize) -> f64 {
+    texel_solid_angle(n, texel % n, texel / n % n)
+}

@@ -1,0 +1,165 @@
+//! The diffuse sum with AVX-512 and AVX2. Transitions are widened to table lines in a small buffer first, so that the sum is one loop
+//! of loads and adds with a known end; its twin is `shade_scalar`, whose bits it gives.
+#![allow(unsafe_code)]
+
+use super::super::light::{Light, SuffixLine};
+use super::super::visibility::{PointVisibility, STREAM_PADDING, Visibility};
+use std::arch::x86_64::*;
+
+/// Transitions that are summed at a time.
+const PIECE: usize = 2048;
+/// A piece may be overrun by one block's transitions and by the last wide store.
+const PIECE_CAPACITY: usize = PIECE + 256 + 64;
+/// Transitions of one turn of the sum: four pairs.
+const TURN: usize = 8;
+
+pub(super) fn shade_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+    // SAFETY: called only where `SimdPath::available` found AVX-512 F, BW, DQ and VL.
+    unsafe { shade_patch_avx512(light, visibility, out) }
+}
+
+pub(super) fn shade_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+    // SAFETY: called only where `SimdPath::available` found AVX2.
+    unsafe { shade_patch_avx2(light, visibility, out) }
+}
+
+/// Lines of the suffix table, at most `PIECE_CAPACITY`.
+#[repr(C, align(64))]
+struct Lines([u32; PIECE_CAPACITY]);
+
+/// Appends a block's transitions to `lines`; `widen` stores 32 of them from a pointer.
+///
+/// # Safety
+/// `from` must be followed by `count` + 31 readable bytes, `to` by room for `count` + 31 lines.
+#[inline(always)]
+unsafe fn append(from: *const u8, count: usize, base: u32, to: *mut u32, widen: impl Fn(*const u8, u32, *mut u32)) {
+    widen(from, base, to);
+    let mut done = 32;
+    // Seldom taken: a block has 13 transitions on average.
+    while done < count {
+        // SAFETY: done < count, so both stay within what the caller vouches for.
+        unsafe { widen(from.add(done), base, to.add(done)) };
+        done += 32;
+    }
+}
+
+/// Runs the sum of one point: decodes pieces with `widen` and sums them with `sum`, which takes whole turns of eight lines.
+///
+/// # Safety
+/// `point` must come from a parsed [`Visibility`] of the cubemap whose last suffix line is `end`; `widen` and `sum` must be usable on this CPU.
+#[inline(always)]
+unsafe fn for_each_piece(
+    point: PointVisibility,
+    end: u32,
+    lines: &mut Lines,
+    widen: impl Fn(*const u8, u32, *mut u32) + Copy,
+    mut sum: impl FnMut(&[u32]),
+) {
+    let mut positions = point.positions.as_ptr();
+    let mut counts = point.counts.as_ptr();
+    let mut held = 0;
+    for (word, bits) in point.blocks.iter().enumerate() {
+        let mut rest = *bits;
+        while rest != 0 {
+            let base = (32 * word as u32 + rest.trailing_zeros()) * 256;
+            rest &= rest - 1;
+            // SAFETY: a parsed point has a count per set bit of its mask, as many positions as the counts sum to, and STREAM_PADDING ≥ 32
+            // bytes after the last. Lines hold PIECE + 256 + 64 elements, of which at most PIECE are taken here.
+            unsafe {
+                let count = usize::from(*counts) + 1;
+                counts = counts.add(1);
+                append(positions, count, base, lines.0.as_mut_ptr().add(held), widen);
+                positions = positions.add(count);
+                held += count;
+            }
+            if held > PIECE {
+                let whole = held / TURN * TURN;
+                sum(&lines.0[..whole]);
+                lines.0.copy_within(whole..held, 0);
+                held -= whole;
+            }
+        }
+    }
+    // The last run may end with the sphere, whose line is zero; pairs of that line are zero too and fill the turn.
+    lines.0[held..held + TURN].fill(end);
+    sum(&lines.0[..held.next_multiple_of(TURN)]);
+}
+
+const _: () = assert!(STREAM_PADDING >= 32);
+
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+unsafe fn shade_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+    let table: &[SuffixLine] = &light.suffix;
+    let end = (table.len() - 1) as u32;
+    let mut lines = Lines([0; PIECE_CAPACITY]);
+    for (point, out) in out.iter_mut().enumerate() {
+        let mut sums = [_mm512_setzero_ps(); 4];
+        let widen = |from: *const u8, base: u32, to: *mut u32| {
+            // SAFETY: `append` vouches for 32 bytes to read and 32 lines to write; unaligned accesses.
+            unsafe {
+                let bytes = _mm256_loadu_si256(from.cast());
+                let base = _mm512_set1_epi32(base as i32);
+                let (low, high) = (_mm256_castsi256_si128(bytes), _mm256_extracti128_si256::<1>(bytes));
+                _mm512_storeu_si512(to.cast(), _mm512_add_epi32(_mm512_cvtepu8_epi32(low), base));
+                _mm512_storeu_si512(to.add(16).cast(), _mm512_add_epi32(_mm512_cvtepu8_epi32(high), base));
+            }
+        };
+        let sum = |lines: &[u32]| {
+            // SAFETY: a line is a position of the cubemap or `end`, both inside the table; its rows are 64-byte aligned.
+            let line = |at: u32| unsafe { _mm512_load_ps(table.as_ptr().add(at as usize).cast()) };
+            for turn in lines.chunks_exact(TURN) {
+                for (k, pair) in turn.chunks_exact(2).enumerate() {
+                    sums[k] = _mm512_add_ps(sums[k], _mm512_sub_ps(line(pair[0]), line(pair[1])));
+                }
+            }
+        };
+        // SAFETY: the point is a parsed one of this cubemap (checked by the caller); the features are on.
+        unsafe { for_each_piece(visibility.point(point), end, &mut lines, widen, sum) };
+        let total = _mm512_add_ps(_mm512_add_ps(sums[0], sums[1]), _mm512_add_ps(sums[2], sums[3]));
+        // SAFETY: nine of sixteen lanes into nine floats.
+        unsafe { _mm512_mask_storeu_ps(out.as_mut_ptr().cast(), 0x1ff, total) };
+    }
+}
+
+#[target_feature(enable = "avx2,fma")]
+unsafe fn shade_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+    let table: &[SuffixLine] = &light.suffix;
+    let end = (table.len() - 1) as u32;
+    let mut lines = Lines([0; PIECE_CAPACITY]);
+    for (point, out) in out.iter_mut().enumerate() {
+        // The first eight lanes, and the ninth.
+        let mut sums = [_mm256_setzero_ps(); 4];
+        let mut ninths = [_mm_setzero_ps(); 4];
+        let widen = |from: *const u8, base: u32, to: *mut u32| {
+            let base = _mm256_set1_epi32(base as i32);
+            for part in 0..4 {
+                // SAFETY: `append` vouches for 32 bytes to read and 32 lines to write; unaligned accesses.
+                unsafe {
+                    let bytes = _mm_loadl_epi64(from.add(8 * part).cast());
+                    _mm256_storeu_si256(to.add(8 * part).cast(), _mm256_add_epi32(_mm256_cvtepu8_epi32(bytes), base));
+                }
+            }
+        };
+        let sum = |lines: &[u32]| {
+            for turn in lines.chunks_exact(TURN) {
+                for (k, pair) in turn.chunks_exact(2).enumerate() {
+                    // SAFETY: a line is a position of the cubemap or `end`, both inside the table; its rows are 64-byte aligned.
+                    unsafe {
+                        let (from, to): (*const f32, *const f32) =
+                            (table.as_ptr().add(pair[0] as usize).cast(), table.as_ptr().add(pair[1] as usize).cast());
+                        sums[k] = _mm256_add_ps(sums[k], _mm256_sub_ps(_mm256_load_ps(from), _mm256_load_ps(to)));
+                        let ninth = _mm_sub_ss(_mm_load_ss(from.add(8)), _mm_load_ss(to.add(8)));
+                        ninths[k] = _mm_add_ss(ninths[k], ninth);
+                    }
+                }
+            }
+        };
+        // SAFETY: the point is a parsed one of this cubemap (checked by the caller); the features are on.
+        unsafe { for_each_piece(visibility.point(point), end, &mut lines, widen, sum) };
+        let total = _mm256_add_ps(_mm256_add_ps(sums[0], sums[1]), _mm256_add_ps(sums[2], sums[3]));
+        let ninth = _mm_add_ss(_mm_add_ss(ninths[0], ninths[1]), _mm_add_ss(ninths[2], ninths[3]));
+        // SAFETY: eight floats of the nine.
+        unsafe { _mm256_storeu_ps(out.as_mut_ptr().cast(), total) };
+        out[2][2] = _mm_cvtss_f32(ninth);
+    }
+}
