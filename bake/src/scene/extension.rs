@@ -5,22 +5,14 @@ use super::warnings::{Warnings, label, quote};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// What this build reads. The first group is read in full; the second changes nothing that a bake or a picture depends on.
-const READ: &[&str] = &[
-    "KHR_materials_emissive_strength",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-    "EXT_texture_webp",
-    "KHR_animation_pointer",
-    "KHR_materials_variants",
-    "KHR_texture_basisu",
-    "KHR_xmp_json_ld",
-    "MSFT_texture_dds",
-];
+/// Read in full.
+const READ: &[&str] = &["KHR_materials_emissive_strength", "KHR_mesh_quantization", "KHR_texture_transform"];
 
-/// Of those, which may also be required. The texture formats are not: as an option they come with a PNG or JPEG, which is read.
-const MAY_BE_REQUIRED: &[&str] =
-    &["KHR_materials_emissive_strength", "KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_variants", "KHR_xmp_json_ld"];
+/// Nothing that a bake or a picture depends on, so neither a warning nor an obstacle.
+const WITHOUT_EFFECT: &[&str] = &["KHR_materials_variants", "KHR_xmp_json_ld"];
+
+/// Without effect as an option: textures come with a PNG or JPEG beside, animations are not played at all.
+const WITHOUT_EFFECT_IF_OPTIONAL: &[&str] = &["EXT_texture_webp", "KHR_animation_pointer", "KHR_texture_basisu", "MSFT_texture_dds"];
 
 /// What the reader of a warning should know about an optional extension; others are "not read".
 const REMARKS: &[(&str, &str)] = &[
@@ -93,7 +85,7 @@ pub(super) fn check(source: Source, root: &Value, warnings: &mut Warnings) -> Re
             let Some(name) = name.as_str() else {
                 return Err(source.invalid(at, "the name of an extension is not a string"));
             };
-            if !MAY_BE_REQUIRED.contains(&name) {
+            if !READ.contains(&name) && !WITHOUT_EFFECT.contains(&name) {
                 let used_by = usages.get(name).unwrap_or(&unused).to_string();
                 let help = WAYS_OUT.iter().find(|(known, _)| *known == name).map_or_else(
                     || format!("export it without {}, or, if it only refines looks, delete it from extensionsRequired", quote(name)),
@@ -104,7 +96,8 @@ pub(super) fn check(source: Source, root: &Value, warnings: &mut Warnings) -> Re
             }
         }
     }
-    for (name, usage) in usages.iter().filter(|(name, _)| !READ.contains(&name.as_str())).take(MOST_WARNINGS) {
+    let silent = |name: &str| [READ, WITHOUT_EFFECT, WITHOUT_EFFECT_IF_OPTIONAL].iter().any(|list| list.contains(&name));
+    for (name, usage) in usages.iter().filter(|(name, _)| !silent(name)).take(MOST_WARNINGS) {
         let n = usage.counts.iter().map(|(_, n)| n).sum();
         let remark = REMARKS.iter().find(|(known, _)| known == name);
         let kind = remark.map_or_else(|| format!("{} is not read", quote(name).trim_matches('"')), |(_, remark)| remark.to_string());

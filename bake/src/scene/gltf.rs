@@ -38,10 +38,11 @@ pub fn load(path: &Path, limits: &LoadLimits) -> Result<Scene, SceneError> {
     let source = Source(path);
     let mut budget = Budget::new(source, limits.max_bytes);
     let file = resource::read_file(path, "the file", None, &mut budget)?;
-    load_bytes(source, &file, &mut budget)
+    load_slice(source, &file, &mut budget)
 }
 
-fn load_bytes(source: Source, file: &[u8], budget: &mut Budget) -> Result<Scene, SceneError> {
+/// Loads what has been read from the file.
+pub(super) fn load_slice(source: Source, file: &[u8], budget: &mut Budget) -> Result<Scene, SceneError> {
     let mut warnings = Warnings::default();
     let Document { root, extras, binary } = document::parse(source, file, budget, &mut warnings)?;
     node::check(source, &root)?;

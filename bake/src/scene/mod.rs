@@ -8,9 +8,15 @@ mod document;
 mod error;
 pub mod export;
 mod extension;
+#[cfg(test)]
+mod fixture;
 mod glb;
 pub mod gltf;
+#[cfg(test)]
+mod hostile;
 pub mod input;
+#[cfg(test)]
+mod legal;
 mod material;
 mod mesh;
 mod node;

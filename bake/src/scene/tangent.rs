@@ -102,3 +102,6 @@ fn append_copies(primitive: &mut Primitive, copies: &[u32]) {
     primitive.uvs.iter_mut().flatten().for_each(|list| append(list, copies));
     primitive.colors.iter_mut().for_each(|list| append(list, copies));
 }
+
+#[cfg(test)]
+mod tests;

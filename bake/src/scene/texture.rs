@@ -4,7 +4,7 @@ use super::accessor::Buffers;
 use super::error::{Budget, SceneError, Source};
 use super::resource;
 use super::warnings::label;
-use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{ImageFormat, ImageReader, Limits};
 use prelight_runtime::surface::{Texture, TextureEncoding};
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -107,10 +107,17 @@ fn open<'a>(buffers: &'a Buffers, index: usize, budget: &mut Budget) -> Result<E
             return Err(SceneError::Image { file, at, what, help: "convert it to PNG or JPEG".to_string() });
         }
     };
-    let decoder =
-        ImageReader::with_format(Cursor::new(&bytes[..]), format).into_decoder().map_err(|e| broken(source, &at, &e.to_string()))?;
-    let size = decoder.dimensions();
-    drop(decoder);
+    let size = match format {
+        // Straight from the header: the decoder would first allocate a row of the width claimed.
+        ImageFormat::Png => {
+            let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_be_bytes([b[0], b[1], b[2], b[3]]));
+            word(16).zip(word(20)).filter(|_| &bytes[12..16] == b"IHDR").ok_or_else(|| broken(source, &at, "its header is cut short"))?
+        }
+        _ => {
+            let reader = ImageReader::with_format(Cursor::new(&bytes[..]), format);
+            reader.into_dimensions().map_err(|e| broken(source, &at, &e.to_string()))?
+        }
+    };
     if size.0 == 0 || size.1 == 0 {
         return Err(broken(source, &at, "it has no pixels"));
     }

@@ -1,24 +1,7 @@
 use super::*;
-use crate::scene::gltf::{LoadLimits, load};
-use crate::scene::{Primitive, Scene};
-use image::{ImageFormat, RgbaImage};
+use crate::scene::Primitive;
+use crate::scene::fixture::{load_bytes, png};
 use prelight_runtime::draw::camera::Camera;
-use std::io::Cursor;
-
-/// A PNG with a different colour in every pixel.
-fn png(width: u32, height: u32) -> Vec<u8> {
-    let image = RgbaImage::from_fn(width, height, |x, y| image::Rgba([x as u8 * 16, y as u8 * 16, 7, 255 - x as u8]));
-    let mut bytes = Cursor::new(Vec::new());
-    image.write_to(&mut bytes, ImageFormat::Png).unwrap();
-    bytes.into_inner()
-}
-
-fn load_bytes(bytes: &[u8]) -> Scene {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("scene.glb");
-    std::fs::write(&path, bytes).unwrap();
-    load(&path, &LoadLimits::default()).unwrap_or_else(|e| panic!("{e}"))
-}
 
 fn quad(material: u32) -> Primitive {
     let n = 1.0 / 3.0f32.sqrt();
@@ -66,7 +49,7 @@ fn what_is_written_is_what_is_read() {
     glb.camera(&SceneCamera { name: "Door".into(), camera });
     glb.scene_extras(json!({ "bake": 7 }));
 
-    let scene = load_bytes(&glb.to_glb());
+    let scene = load_bytes(&glb.to_glb()).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(scene.objects.iter().map(|o| o.name.as_str()).collect::<Vec<_>>(), ["root/Sofa", "root/Sofa#2", "root/node_3"]);
     assert!(std::sync::Arc::ptr_eq(&scene.objects[0].mesh, &scene.objects[2].mesh), "instances share their mesh");
     for (written, read) in mesh.primitives.iter().zip(&scene.objects[0].mesh.primitives) {
