@@ -284,7 +284,7 @@ fn stages_are_events_in_order_and_can_be_silenced() {
     assert_eq!(events(stdout(&run(folder.path(), &["check", "sheet.gltf", "--json", "--progress", "never"]))), ["summary"]);
     let output = run(folder.path(), &["check", "sheet.gltf", "--progress", "json"]);
     assert_eq!(events(stderr(&output)), ["begin", "end"]);
-    assert!(stdout(&output).starts_with("sheet.gltf: 1 objects"), "{}", stdout(&output));
+    assert!(stdout(&output).starts_with("sheet.gltf: 1 object, 1 triangle, "), "{}", stdout(&output));
 }
 
 /// A 48 x 32 gradient with a square in it.
@@ -403,4 +403,66 @@ fn diff_of_assets_counts_chunks_and_names_objects() {
     std::fs::write(folder.path().join("a.exr"), picture(0.5).to_exr().unwrap()).unwrap();
     assert_eq!(run(folder.path(), &["diff", "a.exr", "a.json"]).status.code(), Some(3));
     assert_eq!(run(folder.path(), &["diff", "a.json", "a.json", "--fail-above", "1"]).status.code(), Some(2));
+}
+
+/// `check` waits for ever on a pipe that nobody writes, so signals meet it at work.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_first_interrupt_is_heard_and_the_second_ends_at_once_with_130() {
+    use std::io::{BufRead, BufReader};
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("light.hdr");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    std::fs::write(folder.path().join("sheet.gltf"), minimal_gltf()).unwrap();
+    let scene = "format = 1\nscene.gltf = \"sheet.gltf\"\n[[environment]]\nname = \"a\"\nimage = \"light.hdr\"\n";
+    std::fs::write(folder.path().join("scene.toml"), scene).unwrap();
+
+    let mut child =
+        prelight(folder.path()).args(["check", "--progress", "json"]).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let mut talk = BufReader::new(child.stderr.take().unwrap()).lines().map(|line| line.unwrap());
+    // The handler is installed before the first stage begins.
+    assert!(talk.any(|line| line.contains("\"begin\"")));
+    let interrupt = |child: &std::process::Child| {
+        assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    };
+    // Opens once the command has opened its end: from here on it waits for bytes.
+    let _writer = std::fs::OpenOptions::new().write(true).open(&pipe).unwrap();
+    interrupt(&child);
+    assert!(talk.any(|line| line.contains("interrupted")), "the first is acknowledged");
+    assert!(child.try_wait().unwrap().is_none(), "the first does not end what is in flight");
+    interrupt(&child);
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+}
+
+/// The same pipe, but what is in flight can end: no further file is begun.
+#[cfg(target_os = "linux")]
+#[test]
+fn after_an_interrupt_nothing_new_begins_and_a_rerun_is_advised() {
+    use std::io::{BufRead, BufReader, Write};
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("light.hdr");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    std::fs::write(folder.path().join("sheet.gltf"), minimal_gltf()).unwrap();
+    let environment = |name: &str, image: &str| format!("[[environment]]\nname = \"{name}\"\nimage = \"{image}\"\n");
+    let scene = format!("format = 1\nscene.gltf = \"sheet.gltf\"\n{}{}", environment("a", "light.hdr"), environment("b", "missing.hdr"));
+    std::fs::write(folder.path().join("scene.toml"), scene).unwrap();
+
+    let mut child = prelight(folder.path()).args(["check", "--json"]).stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut events = BufReader::new(child.stdout.take().unwrap()).lines().map(|line| line.unwrap());
+    let mut talk = BufReader::new(child.stderr.take().unwrap()).lines().map(|line| line.unwrap());
+    assert!(events.any(|line| line.contains("\"begin\"")));
+    let mut writer = std::fs::OpenOptions::new().write(true).open(&pipe).unwrap();
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    assert!(talk.any(|line| line.contains("interrupted: ")));
+    writer.write_all(&one_pixel_hdr()).unwrap();
+    drop(writer);
+    assert_eq!(child.wait().unwrap().code(), Some(130), "the missing file would be 3");
+    let last: Value = serde_json::from_str(&events.last().unwrap()).unwrap();
+    assert_eq!((&last["event"], &last["exit_code"], &last["error"]), (&"summary".into(), &130.into(), &"interrupted".into()));
+    assert!(talk.any(|line| line.contains("help: run the same command again")));
+}
+
+/// A Radiance image of 2 x 1 grey pixels.
+fn one_pixel_hdr() -> Vec<u8> {
+    [&b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n"[..], &[128, 128, 128, 129, 128, 128, 128, 129]].concat()
 }

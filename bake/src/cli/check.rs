@@ -1,7 +1,7 @@
 //! `prelight check`: reads every input and says what will not work.
 
 use super::args::SceneArgs;
-use super::reporter::group;
+use super::reporter::count;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_bake::progress::{self, Progress, Stage};
@@ -55,21 +55,16 @@ pub fn run(args: CheckArgs, context: &Context) -> Result<Summary, Failure> {
     summary.set("bounds.min", bounds[0].to_vec()).set("bounds.max", bounds[1].to_vec());
     summary.set("warnings", warnings.clone());
     let sides = [0, 1, 2].map(|k| format!("{:.3}", bounds[1][k] - bounds[0][k])).join(" x ");
-    summary.set_text(format!(
-        "{}: {} objects, {} triangles, {} materials, {} textures, {} cameras, {} environments; {sides} m; {}\n",
-        input.file.display(),
-        group(scene.objects.len() as u64),
-        group(size.triangles),
-        scene.materials.len(),
-        scene.textures.len(),
-        scene.cameras.len(),
-        input.manifest.environment.len(),
-        match warnings.len() {
-            0 => "no warnings".to_string(),
-            1 => "1 warning".to_string(),
-            n => format!("{n} warnings"),
-        }
-    ));
+    let counts = [
+        (scene.objects.len() as u64, "object"),
+        (size.triangles, "triangle"),
+        (scene.materials.len() as u64, "material"),
+        (scene.textures.len() as u64, "texture"),
+        (scene.cameras.len() as u64, "camera"),
+        (input.manifest.environment.len() as u64, "environment"),
+    ];
+    let counts = counts.map(|(number, thing)| count(number, thing)).join(", ");
+    summary.set_text(format!("{}: {counts}; {sides} m; {}\n", input.file.display(), count(warnings.len() as u64, "warning")));
     if args.deny == Some(Deny::Warnings) && !warnings.is_empty() {
         summary.exit_code = ExitCode::Found;
     }

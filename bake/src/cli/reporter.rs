@@ -307,6 +307,11 @@ pub fn group(number: u64) -> String {
     text
 }
 
+/// `1 object`, `2 objects`.
+pub fn count(number: u64, thing: &str) -> String {
+    format!("{} {thing}{}", group(number), if number == 1 { "" } else { "s" })
+}
+
 /// Seconds as a person reads them: `0.42 s`, `3.1 s`, `2 min 05 s`, `3 h 07 min`.
 pub fn clock(seconds: f64) -> String {
     let whole = seconds.round() as u64;
@@ -346,7 +351,21 @@ mod tests {
     }
 
     #[test]
+    fn a_heartbeat_says_how_far_how_fast_and_how_long() {
+        let start = Instant::now().checked_sub(Duration::from_secs(10)).expect("the machine is up for ten seconds");
+        let mut stage = Running { name: "trace".into(), unit: "tiles".into(), total: Some(4000), start, bar: None, spoke: false };
+        let line = stage.line(1000);
+        assert!(line.starts_with("trace: 1 000 of 4 000 tiles (25 %), "), "{line}");
+        assert!(line.contains(" a second, 10") && line.contains(" so far, about 30"), "{line}");
+        assert!(stage.event("progress", 1000)["seconds_left"].as_f64().is_some_and(|left| (30.0..60.0).contains(&left)));
+        assert!(stage.event("end", 4000)["seconds_left"].is_null());
+        stage.total = None;
+        assert!(stage.line(1000).starts_with("trace: 1 000 tiles, ") && !stage.line(1000).contains("left"));
+    }
+
+    #[test]
     fn numbers_read_well() {
+        assert_eq!([0, 1, 2000].map(|n| count(n, "object")), ["0 objects", "1 object", "2 000 objects"]);
         assert_eq!([0, 12, 1234, 1_234_567].map(group), ["0", "12", "1 234", "1 234 567"]);
         assert_eq!([0.419, 3.16, 59.96, 125.0, 11_220.0].map(clock), ["0.42 s", "3.2 s", "1 min 00 s", "2 min 05 s", "3 h 07 min"]);
         assert_eq!(remaining(25, Some(100), 5.0), Some(15.0));

@@ -56,6 +56,7 @@ impl SceneInput {
                 let manifest = SceneManifest::parse(&file.display().to_string(), &text)?;
                 Ok(SceneInput { manifest, file, folder })
             }
+            _ if !file.exists() => Err(missing(&file)),
             _ => Err(unsupported(&file, "is neither a scene.toml nor a glTF file", "name a .toml, .glb or .gltf file")),
         }
     }
@@ -89,6 +90,10 @@ impl SceneInput {
 
 fn unsupported(file: &Path, what: &str, help: &str) -> BakeError {
     BakeError::Unsupported { what: format!("{} {what}", file.display()), help: help.to_string() }
+}
+
+fn missing(file: &Path) -> BakeError {
+    unsupported(file, "does not exist", "name a scene.toml or a glTF file, or write a scene.toml with `prelight init room.glb`")
 }
 
 fn read_manifest(file: &Path) -> Result<String, BakeError> {
@@ -143,7 +148,9 @@ mod tests {
         }
         std::fs::write(folder.path().join("long.toml"), vec![b'#'; MAX_MANIFEST_BYTES as usize + 1]).unwrap();
         assert!(SceneInput::open(&folder.path().join("long.toml")).unwrap_err().to_string().contains("longer"));
-        let missing = SceneInput::open(&folder.path().join("missing.toml")).unwrap_err().to_string();
-        assert!(missing.contains("does not exist") && missing.contains("prelight init"), "{missing}");
+        for name in ["missing.toml", "missing"] {
+            let missing = SceneInput::open(&folder.path().join(name)).unwrap_err().to_string();
+            assert!(missing.contains("does not exist") && missing.contains("prelight init"), "{missing}");
+        }
     }
 }

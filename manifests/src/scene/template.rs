@@ -24,9 +24,14 @@ impl Template {
         let knobs = Quality::Medium.knobs();
         let gltf = quote(&self.gltf);
         let edge_length = match self.edge_length {
-            Some(metres) => format!("edge_length = {metres:?}  # metres; {}", one_line(&self.edge_length_reason)),
-            None => "# edge_length = 0.05       # metres; `prelight plan --points 200000` prints one for a budget".to_string(),
+            Some(metres) => knob(&format!("edge_length = {metres:?}"), &format!("metres; {}", one_line(&self.edge_length_reason))),
+            None => knob("# edge_length = 0.05", "metres; `prelight plan --points 200000` prints one for a budget"),
         };
+        let max_error = knob(&format!("# max_error = {:?}", knobs.max_error), "relative L2 of radiance aimed at, per object");
+        let angle = knob(&format!("# normal_angle_deg = {:?}", knobs.normal_angle_deg), "edges whose end normals differ by more are split");
+        let floor =
+            knob(&format!("# area_floor = {:?}", knobs.area_floor), "edges at shadow borders are split down to this share of edge_length");
+        let face = knob(&format!("# face_resolution = {}", knobs.face_resolution), "texels along the side of a cubemap face: 64 or 128");
         let material = quote(&glob_of(self.materials.first().map_or("Vase", String::as_str)));
         let object = quote(&glob_of(self.objects.first().map_or("**/Sofa", String::as_str)));
         format!(
@@ -37,7 +42,7 @@ format = 1
 [scene]
 gltf = {gltf}
 
-# Lights by name: `prelight render room.prelight.json -e noon`. The bake does not depend on them.
+# Lights by name: `prelight render scene.prelight.json -e noon`. The bake does not depend on them.
 # [[environment]]
 # name = "noon"
 # image = "env/noon_1k.hdr"  # lat-long, .hdr or .exr
@@ -47,11 +52,11 @@ gltf = {gltf}
 [bake]
 quality = "medium"           # draft | medium | high: sets of the knobs below
 {edge_length}
-# max_error = {max_error:?}           # relative L2 of radiance aimed at, per object
+{max_error}
 # technique = "auto"         # or block_product
-# normal_angle_deg = {angle:?}   # edges whose end normals differ by more are split
-# area_floor = {floor:?}         # edges at shadow borders are split down to this share of edge_length
-# face_resolution = {face}       # texels along the side of a cubemap face: 64 or 128
+{angle}
+{floor}
+{face}
 # bvh = "medium"             # fast | medium | slow to build; changes no bit of the result
 
 # Changes to materials whose names match; a value replaces the glTF factor.
@@ -74,13 +79,14 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 
 [limits]
 # memory = "12GiB"           # --memory wins; default three quarters of the machine's
-"#,
-            max_error = knobs.max_error,
-            angle = knobs.normal_angle_deg,
-            floor = knobs.area_floor,
-            face = knobs.face_resolution,
+"#
         )
     }
+}
+
+/// A line with its comment at the common column.
+fn knob(line: &str, comment: &str) -> String {
+    format!("{line:28} # {comment}")
 }
 
 /// A TOML string on one line.
