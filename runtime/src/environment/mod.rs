@@ -11,12 +11,26 @@
 //! +Z three quarters to the right, −X the seam and +Y the top row. `rotate_y_deg` turns the light right-handed about +Y: at 90,
 //! what was at +X stands at −Z.
 
+mod clean;
+mod decode;
+#[cfg(test)]
+mod decode_tests;
+mod encode;
+mod exr;
 mod image;
 mod light_cubemap;
+mod procedural;
+mod radiance;
+mod sampler;
+mod scanline;
 mod splat;
 #[cfg(test)]
 mod splat_tests;
 
+pub use clean::CleanReport;
+pub use decode::Limits;
 pub use image::Environment;
 pub use light_cubemap::{EnergyReport, LightCubemap};
+pub use procedural::{sky, studio};
+pub use sampler::{EnvironmentSample, EnvironmentSampler};
 pub use splat::Splatter;

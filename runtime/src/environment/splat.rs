@@ -50,6 +50,7 @@ pub struct Splatter {
 #[derive(Clone, Debug)]
 struct Band {
     texels: Vec<Carried>,
+    /// Flux per channel that `texels` hold; zero exactly when they are all zero.
     energy: [f64; 3],
 }
 
@@ -102,8 +103,10 @@ impl Splatter {
         let Self { neighbours, grid, columns, bands } = self;
         let n_cells = grid.rows.len().div_ceil(grid.rows_per_cell);
         let run = |(index, band): (usize, &mut Band)| {
-            band.texels.fill([0.0; 12]);
-            band.energy = [0.0; 3];
+            if band.energy != [0.0; 3] {
+                band.texels.fill([0.0; 12]);
+                band.energy = [0.0; 3];
+            }
             for cell in n_cells * index / N_BANDS..n_cells * (index + 1) / N_BANDS {
                 let first = cell * grid.rows_per_cell;
                 let last = (first + grid.rows_per_cell).min(grid.rows.len());
@@ -187,6 +190,11 @@ fn splat_row_of_cells(
     rows: std::ops::Range<usize>,
     band: &mut Band,
 ) {
+    let sources = environment.pixels.chunks_exact(grid.width);
+    let sources = sources.take((rows.end - 1) / grid.split[1] + 1).skip(rows.start / grid.split[1]);
+    if sources.flatten().all(|pixel| *pixel == [0.0; 3]) {
+        return;
+    }
     let columns_per_cell = grid.rows[rows.start].columns_per_cell;
     let single = columns_per_cell == 1 && rows.len() == 1;
     let mut first = 0;
@@ -234,9 +242,11 @@ fn splat_row_of_cells(
 fn gather(bands: &[Band], intensity: f64, light: &mut LightCubemap) -> EnergyReport {
     let largest = f64::from(f32::MAX);
     let mut after = [0.0; 3];
+    // A band without light would add zeros.
+    let lit = || bands.iter().filter(|band| band.energy != [0.0; 3]);
     for (texel, (flux, moment)) in light.flux.iter_mut().zip(&mut light.moment).enumerate() {
         let mut sum = [0.0; 12];
-        for band in bands {
+        for band in lit() {
             for (total, part) in sum.iter_mut().zip(&band.texels[texel]) {
                 *total += part;
             }
@@ -248,7 +258,7 @@ fn gather(bands: &[Band], intensity: f64, light: &mut LightCubemap) -> EnergyRep
             after[c] += f64::from(rounded[c]);
         }
     }
-    let before = std::array::from_fn(|c| bands.iter().map(|band| band.energy[c]).sum::<f64>() * intensity);
+    let before = std::array::from_fn(|c| lit().map(|band| band.energy[c]).sum::<f64>() * intensity);
     EnergyReport { before, after }
 }
 

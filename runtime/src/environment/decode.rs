@@ -1,0 +1,103 @@
+//! From the bytes of an image file to an [`Environment`]: chosen by magic bytes, checked against a limit, cleaned.
+
+use super::{CleanReport, Environment};
+use crate::error::RuntimeError;
+
+/// What decoding may take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Most bytes that decoding may hold beside the file itself, including the result of 12 bytes a pixel.
+    pub max_bytes: u64,
+}
+
+impl Default for Limits {
+    /// 4 GiB: an image of 16384 x 8192 with room to spare.
+    fn default() -> Self {
+        Self { max_bytes: 4 << 30 }
+    }
+}
+
+/// An image as it stood in the file, and what was passed over in it.
+pub(super) struct Decoded {
+    pub width: usize,
+    pub height: usize,
+    pub pixels: Vec<[f32; 3]>,
+    pub notes: Vec<String>,
+}
+
+/// The file being decoded: its name for messages, its bytes, and what may be allocated for it.
+#[derive(Clone, Copy)]
+pub(super) struct Source<'a> {
+    pub file: &'a str,
+    pub bytes: &'a [u8],
+    pub limits: &'a Limits,
+}
+
+impl Source<'_> {
+    /// An error about this file.
+    pub fn error(&self, what: impl Into<String>, help: &str) -> RuntimeError {
+        RuntimeError::Environment { file: self.file.to_owned(), what: what.into(), help: help.to_owned() }
+    }
+
+    /// An error for a file that ends too early.
+    pub fn truncated(&self, what: &str) -> RuntimeError {
+        self.error(format!("the file is cut short: {what}"), "copy or download it again")
+    }
+
+    /// Fails when `needed` bytes are more than the limit.
+    pub fn check_memory(&self, what: &str, needed: u64) -> Result<(), RuntimeError> {
+        if needed <= self.limits.max_bytes {
+            return Ok(());
+        }
+        Err(RuntimeError::Memory { what: format!("{what} of {}", self.file), needed, limit: self.limits.max_bytes })
+    }
+
+    /// An empty vector with room for `count` pixels; an error instead of an abort when the system has not that much.
+    pub fn reserve_pixels(&self, count: usize) -> Result<Vec<[f32; 3]>, RuntimeError> {
+        let mut pixels = Vec::new();
+        match pixels.try_reserve_exact(count) {
+            Ok(()) => Ok(pixels),
+            Err(_) => Err(RuntimeError::Memory {
+                what: format!("pixels of {}", self.file),
+                needed: (count as u64).saturating_mul(12),
+                limit: self.limits.max_bytes,
+            }),
+        }
+    }
+}
+
+impl Environment {
+    /// Decodes a Radiance .hdr or OpenEXR file. The kind is told by the first bytes; `file_name` is for messages only.
+    ///
+    /// Read: Radiance in all eight orientations, RLE old, new or none, RGBE and XYZE; OpenEXR scan lines or tiles of half, float or u32 in every
+    /// compression of the crate `exr`, the first layer with channels R, G, B or luminance Y alone. Pixels outside the data window are
+    /// black. NaN and negative values become 0, infinite ones the largest finite value of the image; the report counts them and notes
+    /// what was passed over (exposure and primaries, for instance).
+    ///
+    /// # Errors
+    /// [`RuntimeError::Environment`] for a file that is no such image, is cut short or holds what cannot be read (deep data, chroma
+    /// subsampling); [`RuntimeError::Memory`] when the size it claims exceeds `limits`. Sizes are checked before anything is allocated.
+    pub fn decode(file_name: &str, bytes: &[u8], limits: &Limits) -> Result<(Self, CleanReport), RuntimeError> {
+        let source = Source { file: file_name, bytes, limits };
+        let mut decoded = if bytes.starts_with(b"#?") {
+            super::radiance::decode(source)?
+        } else if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
+            super::exr::decode(source)?
+        } else {
+            let known: [(&[u8], &str); 5] = [
+                (b"\x89PNG", "a PNG image"),
+                (b"\xff\xd8\xff", "a JPEG image"),
+                (b"II*\0", "a TIFF image"),
+                (b"MM\0*", "a TIFF image"),
+                (b"PF\n", "a PFM image"),
+            ];
+            let kind =
+                known.iter().find(|(magic, _)| bytes.starts_with(magic)).map_or("neither Radiance .hdr nor OpenEXR", |known| known.1);
+            let what = if bytes.is_empty() { "the file is empty".to_owned() } else { format!("this is {kind}") };
+            return Err(source.error(what, "an environment is a latitude-longitude image in Radiance .hdr or OpenEXR (.exr)"));
+        };
+        let mut report = super::clean::clean(&mut decoded.pixels);
+        report.notes = decoded.notes;
+        Ok((Self::new(decoded.width, decoded.height, decoded.pixels), report))
+    }
+}
