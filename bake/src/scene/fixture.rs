@@ -14,7 +14,10 @@ pub const LIMIT: LoadLimits = LoadLimits { max_bytes: 64 << 20 };
 
 /// A PNG with a different colour in every pixel.
 pub fn png(width: u32, height: u32) -> Vec<u8> {
-    encode(RgbaImage::from_fn(width, height, |x, y| image::Rgba([x as u8 * 16, y as u8 * 16, 7, 255 - x as u8])).into(), ImageFormat::Png)
+    encode(
+        RgbaImage::from_fn(width, height, |x, y| image::Rgba([(16 * x) as u8, (16 * y) as u8, 7, 255 - x as u8])).into(),
+        ImageFormat::Png,
+    )
 }
 
 pub fn encode(image: DynamicImage, format: ImageFormat) -> Vec<u8> {

@@ -368,6 +368,7 @@ fn broken_images_are_named() {
     let png = png(4, 4);
     let mut wrong_sum = png.clone();
     wrong_sum[45] ^= 0x55;
+    let jpeg = encode(DynamicImage::new_rgb8(16, 16), ImageFormat::Jpeg);
     let webp = [b"RIFF".as_slice(), &[4, 0, 0, 0], b"WEBPVP8 "].concat();
     let cases: &[(&str, &[u8], &str)] = &[
         ("empty", b"", "neither PNG nor JPEG"),
@@ -377,6 +378,7 @@ fn broken_images_are_named() {
         ("a PNG's first bytes", &png[..8], "decoded"),
         ("damaged PNG", &wrong_sum, "decoded"),
         ("a JPEG's first bytes", &[0xFF, 0xD8, 0xFF, 0xE0], "decoded"),
+        ("half a JPEG", &jpeg[..jpeg.len() / 2], "cut short"),
     ];
     for (case, bytes, word) in cases {
         check(case, with_image(bytes).unwrap_err(), "image", &["images[0] \"dots\"", word]);
@@ -519,4 +521,23 @@ fn random_damage_never_panics() {
         }
     }
     assert!(loaded > 100 && refused > 100, "{loaded} loaded, {refused} refused: the damage is too weak or too strong to say anything");
+}
+
+#[test]
+fn random_damage_to_images_never_panics() {
+    let colours = image::RgbImage::from_fn(24, 17, |x, y| image::Rgb([x as u8 * 9, y as u8 * 13, (x * y) as u8]));
+    let jpeg = encode(DynamicImage::ImageRgb8(colours), ImageFormat::Jpeg);
+    let mut random = Random(0xD1B5_4A32_D192_ED03);
+    let mut refused = 0;
+    for original in [png(24, 17), jpeg] {
+        for _ in 0..1000 {
+            let mut damaged = original.clone();
+            for _ in 0..1 + random.below(3) {
+                let at = random.below(damaged.len());
+                damaged[at] = random.below(256) as u8;
+            }
+            refused += u32::from(with_image(&damaged).is_err());
+        }
+    }
+    assert!((500..2000).contains(&refused), "{refused}");
 }

@@ -40,13 +40,15 @@ use std::sync::Arc;
 pub struct Scene {
     /// Instances of meshes, in the order of a depth-first walk of the node tree.
     pub objects: Vec<Object>,
-    /// Materials; index 0.. as primitives name them. The glTF default material is appended when something uses it.
+    /// Materials; index 0.. as primitives name them. The glTF default material is appended when something uses it, and for surfaces
+    /// without texture coordinates a variant (of the same name) without the textures that would need them.
     pub materials: Vec<Material>,
     /// Decoded textures; one per (image, encoding) in use.
     pub textures: Vec<Texture<'static>>,
     /// Cameras of the scene, world space. Empty in most files.
     pub cameras: Vec<SceneCamera>,
-    /// Extras of scene, nodes and materials, kept as they stood.
+    /// Extras of asset, scene, nodes and materials, kept as they stood: `{"asset", "scene", "nodes": {path: extras}, "materials":
+    /// [{"index", "name", "extras"}]}`, parts without any left out; null when there are none.
     pub extras: serde_json::Value,
     /// Legal things that a person should know: counted, named, in a fixed order.
     pub warnings: Vec<String>,
@@ -71,6 +73,9 @@ pub struct Mesh {
 }
 
 /// Triangles with one material. Attribute arrays that are present have one element a vertex.
+///
+/// As loaded, every set of texture coordinates that the material's textures name is present (a texture transform is already in
+/// it), and where the material has a normal texture, so are normals and tangents.
 #[derive(Clone, Debug, Default)]
 pub struct Primitive {
     /// Local position, finite.

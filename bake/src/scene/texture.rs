@@ -114,6 +114,10 @@ fn open<'a>(buffers: &'a Buffers, index: usize, budget: &mut Budget) -> Result<E
             word(16).zip(word(20)).filter(|_| &bytes[12..16] == b"IHDR").ok_or_else(|| broken(source, &at, "its header is cut short"))?
         }
         _ => {
+            // The decoder paints what is missing grey; better to say so.
+            if !bytes.windows(2).any(|marker| marker == [0xFF, 0xD9]) {
+                return Err(broken(source, &at, "the JPEG is cut short"));
+            }
             let reader = ImageReader::with_format(Cursor::new(&bytes[..]), format);
             reader.into_dimensions().map_err(|e| broken(source, &at, &e.to_string()))?
         }
