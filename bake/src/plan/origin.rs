@@ -7,8 +7,8 @@
 //! e      = min(mean edge of the triangles that hold p, edge_length)
 //! ```
 //!
-//! t is the part of (centroid − p) at right angles to n_g: a point on the border of a floor moves onto its own side of the wall that
-//! stands there, and a closed box with hard edges is closed seen from each of its corners. `lift` is [Hanika 2021], "Hacking the shadow
+//! t is (centroid − p) without its part against n_g (a convex surface's centroid lies below it): a point on the border of a floor moves
+//! onto its own side of the wall that stands there, and a closed box is closed seen from each of its corners. `lift` is [Hanika 2021], "Hacking the shadow
 //! terminator": p projected onto the tangent plane of each corner, weighted barycentrically, here only outwards along n_g and at most an
 //! eighth of the mean edge, so that coarse smooth spheres show no dark facets and a box with smooth normals does not sprout.
 //!
@@ -116,7 +116,7 @@ pub fn ray_origin(position: DVec3, geometric_normal: DVec3, around: &Surrounding
     let largest = position.abs().max_element().max(around.largest_coordinate);
     let edge = around.mean_edge.min(f64::from(edge_length));
     let inward = around.centroid - position;
-    let along = inward - geometric_normal * inward.dot(geometric_normal);
+    let along = inward - geometric_normal * inward.dot(geometric_normal).min(0.0);
     let distance = along.length();
     let shift = (SHIFT * edge + ULPS * largest).min(distance);
     let tangential = if distance > 0.0 { along * (shift / distance) } else { DVec3::ZERO };

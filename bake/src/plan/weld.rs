@@ -12,7 +12,7 @@
 //! usable normal take the normal of their face. A face whose winding disagrees with its normals (the sum of n_i·n_face over its
 //! corners is negative) has them negated: the front is where the winding says, and its points are lit from there.
 
-use super::attributes::{Corner, Corners, Wanted, derive_tangents};
+use super::attributes::{Corner, Corners, Wanted};
 use crate::scene::Scene;
 use crate::scene::world::{World, has_area};
 use glam::DVec3;
@@ -112,7 +112,7 @@ impl BaseMesh {
         let axis = |k: usize| DVec3::from_slice(&source.world_from_local[4 * k..4 * k + 3]).length();
         let scale = [axis(0), axis(1), axis(2)];
 
-        let (mut welder, mut derived) = (Welder::default(), Vec::new());
+        let mut welder = Welder::default();
         for (index, part) in parts.iter().enumerate() {
             let material = &scene.materials[part.material as usize];
             let local = &source.mesh.primitives[part.primitive as usize];
@@ -132,7 +132,7 @@ impl BaseMesh {
                         let place = local.positions[v];
                         mesh.local.push(std::array::from_fn(|i| (f64::from(place[i]) * scale[i]) as f32));
                     }
-                    let attributes = corners.at(indices[k], indices, flipped);
+                    let attributes = corners.at(indices[k], flipped);
                     welder.vertex(&mut mesh, point, attributes, &wanted)
                 });
                 mesh.triangles.push(BaseTriangle { id, primitive, vertices });
@@ -140,10 +140,8 @@ impl BaseMesh {
             if mesh.triangles.last().is_some_and(|t| t.primitive == primitive) {
                 let world_primitive = (first + index) as u32;
                 mesh.primitives.push(BasePrimitive { world_primitive, material: part.material, double_sided: material.double_sided });
-                derived.push(corners.derived_from());
             }
         }
-        derive_tangents(&mut mesh, &derived);
         mesh.n_sites = welder.sites.len() as u32;
         mesh
     }

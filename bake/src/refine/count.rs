@@ -149,8 +149,78 @@ fn round_up(length: f32) -> f32 {
     while unit * 100.0 > f64::from(length) {
         unit /= 10.0;
     }
-    let digits = (f64::from(length) / unit - 1e-6).ceil();
+    // The margin keeps an f32 that is nearest to three digits already.
+    let digits = (f64::from(length) / unit - 1e-4).ceil();
     // Dividing by a whole number gives the f32 nearest to the decimal.
     let rounded = if unit < 1.0 { digits / (1.0 / unit).round() } else { digits * unit };
     rounded as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::plan_object;
+    use crate::plan::test_scenes::*;
+
+    fn shapes() -> Scene {
+        let mut scene = scene();
+        add(&mut scene, "ball", vec![sphere([1.0; 3], 0.8, 12, 8, false)], IDENTITY);
+        add(&mut scene, "sheet", vec![quad([0.0; 3], [3.1, 0.0, 0.0], [0.0, 0.2, 2.2], 1)], IDENTITY);
+        add(
+            &mut scene,
+            "box",
+            vec![cuboid([0.0; 3], [0.05, 1.0, 2.0], false, 0), smooth_cuboid([3.0; 3], [4.0, 3.5, 9.0], false, 1)],
+            IDENTITY,
+        );
+        scene
+    }
+
+    #[test]
+    fn counted_points_and_triangles_are_those_that_are_planned() {
+        let scene = shapes();
+        let world = World::build(&scene);
+        for (length, angle) in [(2.0, 180.0), (0.5, 180.0), (0.11, 180.0), (0.3, 17.0), (3.0, 25.0)] {
+            let params = PointParams { normal_angle_deg: angle, ..params(length) };
+            for object in 0..3 {
+                let plan = plan_object(&scene, &world, object, &params).unwrap();
+                let count = count_object(&BaseMesh::build(&scene, &world, object), &params, u64::MAX);
+                let planned = PointCount { points: plan.n_points() as u64, triangles: plan.n_triangles() as u64 };
+                assert_eq!(count, planned, "object {object} at {length} m, {angle}°");
+            }
+        }
+    }
+
+    #[test]
+    fn a_budget_of_points_is_met_and_nearly_used() {
+        let scene = shapes();
+        let world = World::build(&scene);
+        let points =
+            |length: f32| -> u64 { (0..3).map(|o| plan_object(&scene, &world, o, &params(length)).unwrap().n_points() as u64).sum() };
+        let mut last = f32::INFINITY;
+        for target in [500, 3000, 20_000] {
+            let length = edge_length_for_points(&scene, &world, &params(1.0), target).unwrap();
+            assert!(length < last);
+            last = length;
+            // Halving is all or nothing for an edge, so a whole class of edges may not fit any more: half of the budget at least.
+            assert!((target / 2..=target).contains(&points(length)), "{target}: {} points at {length} m", points(length));
+        }
+    }
+
+    #[test]
+    fn a_budget_below_the_mesh_gives_its_own_density() {
+        let scene = shapes();
+        let world = World::build(&scene);
+        let length = edge_length_for_points(&scene, &world, &params(1.0), 1).unwrap();
+        let longest = (0..3).map(|o| longest_edge(&BaseMesh::build(&scene, &world, o))).fold(0.0, f64::max);
+        assert!(f64::from(length) >= longest && f64::from(length) < 1.01 * longest, "{length} {longest}");
+    }
+
+    #[test]
+    fn lengths_are_rounded_up_to_three_digits() {
+        for (length, expected) in
+            [(0.051234f32, 0.0513f32), (0.0513, 0.0513), (123.4, 124.0), (99_950.0, 100_000.0), (1.0, 1.0), (0.9999, 1.0)]
+        {
+            assert_eq!(round_up(length), expected);
+        }
+    }
 }

@@ -46,3 +46,73 @@ pub fn split_differing(
     next.append(first_new, params);
     Ok(Some(next))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::test_scenes::*;
+    use crate::plan::weld::wide;
+    use std::collections::BTreeMap;
+
+    /// Splits until nothing changes; ends on either side of the plane x = 0.37 differ.
+    fn split_all(plan: &ObjectPlan, params: &PointParams) -> Vec<ObjectPlan> {
+        let mut plans = vec![plan.clone()];
+        loop {
+            let last = plans.last().expect("starts with one");
+            let differs = |i: u32, j: u32| {
+                assert!(i < j);
+                (last.position[i as usize][0] < 0.37) != (last.position[j as usize][0] < 0.37)
+            };
+            match split_differing(last, params, &differs).unwrap() {
+                Some(next) => plans.push(next),
+                None => return plans,
+            }
+        }
+    }
+
+    #[test]
+    fn edges_across_a_leak_shrink_to_the_floor_and_old_points_stay() {
+        for shape in [sphere([0.0; 3], 1.0, 12, 8, false), quad([-1.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1)] {
+            let mut scene = scene();
+            let closed = shape.normals.is_some();
+            add(&mut scene, "thing", vec![shape], IDENTITY);
+            let params = params(0.4);
+            let (_, plans) = plan(&scene, &params);
+            let rounds = split_all(&plans[0], &params);
+            assert!(rounds.len() > 2, "edges of 0.2 to 0.53 m are halved to 0.1 m or less");
+            for (before, after) in rounds.iter().zip(&rounds[1..]) {
+                let n = before.n_points();
+                assert!(after.n_points() > n);
+                assert_eq!(after.position[..n], before.position[..]);
+                assert_eq!(after.origin[..n], before.origin[..]);
+                assert_eq!(after.patches[..before.patches.len()], before.patches[..]);
+                let level = FIRST_LEAK_LEVEL + before.leak_rounds;
+                assert!(after.patches[before.patches.len()..].iter().all(|p| p.name.level == level));
+                assert!((0..n).all(|i| after.base_triangles(i) == before.base_triangles(i)));
+                let area = |plan: &ObjectPlan| plan.area.iter().map(|a| f64::from(*a)).sum::<f64>();
+                assert!((area(before) - area(after)).abs() < 1e-5 * area(before), "the surface is the same");
+            }
+            let last = rounds.last().expect("starts with one").mesh();
+            let mut uses: BTreeMap<[[u32; 3]; 2], u32> = BTreeMap::new();
+            for t in &last.triangles {
+                for k in 0..3 {
+                    let [a, b] = [t[k], t[(k + 1) % 3]].map(|v| last.position[v as usize]);
+                    let crosses = (a[0] < 0.37) != (b[0] < 0.37);
+                    assert!(!crosses || (wide(b) - wide(a)).length() <= params.shortest_split(), "{a:?} {b:?}");
+                    let mut key = [a, b].map(|p| p.map(f32::to_bits));
+                    key.sort();
+                    *uses.entry(key).or_default() += 1;
+                }
+            }
+            assert!(!closed || uses.values().all(|n| *n == 2), "no T-vertex");
+        }
+    }
+
+    #[test]
+    fn nothing_differs_nothing_changes() {
+        let mut scene = scene();
+        add(&mut scene, "floor", vec![quad([0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 0)], IDENTITY);
+        let (_, plans) = plan(&scene, &params(0.4));
+        assert!(split_differing(&plans[0], &params(0.4), &|_, _| false).unwrap().is_none());
+    }
+}

@@ -1,0 +1,134 @@
+//! Points that must not be interpolated from, because they lie inside something.
+//!
+//! Only points that see nothing are asked. From such a point, [`N_DIRECTIONS`] rays leave over the hemisphere of n_g. It is buried if
+//!
+//! - at least half of them first meet the back of a single-sided surface: the point lies inside a solid; or
+//! - at least half of them first meet a triangle within 45° of parallel to it, within 2⁻⁸ of the local edge length along n_g: another
+//!   surface coincides with this one.
+//!
+//! A closed dark room makes neither: its walls are met from the front, and in its corners they are not parallel.
+
+use super::origin::{Surroundings, area_normal};
+use super::points::ObjectPlan;
+use super::weld::{narrow, wide};
+use crate::scene::Scene;
+use crate::scene::world::World;
+use glam::DVec3;
+use prelight_runtime::sphere::frame::tangents;
+
+/// Rays a point.
+pub const N_DIRECTIONS: usize = 32;
+/// Height over the surface, in local edges, below which another surface counts as coincident.
+const COINCIDENT: f64 = 1.0 / 256.0;
+
+/// Closest hit of a ray: distance in lengths of the direction, base triangle, and whether its back was met.
+pub type ClosestHit<'a> = dyn Fn([f32; 3], [f32; 3]) -> Option<(f32, u32, bool)> + Sync + 'a;
+
+/// Points of an object that are buried, ascending: of those for which `sees_nothing` holds.
+///
+/// `closest` traces against the whole scene, both faces of each triangle.
+pub fn find_buried(
+    scene: &Scene,
+    world: &World,
+    plan: &ObjectPlan,
+    edge_length: f32,
+    sees_nothing: &dyn Fn(u32) -> bool,
+    closest: &ClosestHit,
+) -> Vec<u32> {
+    let single_sided = |triangle: u32| {
+        let primitive = &world.primitives[world.primitive[triangle as usize] as usize];
+        !scene.materials[primitive.material as usize].double_sided
+    };
+    let directions = hemisphere();
+    let is_buried = |i: u32| {
+        let normal = plan.geometric_normal[i as usize];
+        let limit = COINCIDENT * local_edge(plan, i, edge_length);
+        let (t, b) = tangents(normal);
+        let (t, b, n) = (wide(t), wide(b), wide(normal));
+        let (mut behind, mut near) = (0, 0);
+        for d in &directions {
+            let direction = t * d.x + b * d.y + n * d.z;
+            if let Some((distance, triangle, back)) = closest(plan.origin[i as usize], narrow(direction)) {
+                behind += usize::from(back && single_sided(triangle));
+                let facing = area_normal(&world.positions[triangle as usize]).normalize_or_zero().dot(n).abs();
+                near += usize::from(f64::from(distance) * d.z <= limit && facing > std::f64::consts::FRAC_1_SQRT_2);
+            }
+        }
+        2 * behind >= N_DIRECTIONS || 2 * near >= N_DIRECTIONS
+    };
+    (0..plan.n_points() as u32).filter(|&i| sees_nothing(i) && is_buried(i)).collect()
+}
+
+/// Mean edge of the base triangle that a point was made in, at most the bake's edge length.
+fn local_edge(plan: &ObjectPlan, i: u32, edge_length: f32) -> f64 {
+    let home = plan.refined.home[plan.source[i as usize] as usize];
+    let around = Surroundings::new(std::iter::once(plan.base.corner_positions(home.base)), 1.0);
+    around.mean_edge.min(f64::from(edge_length))
+}
+
+/// Equal solid angles over the upper hemisphere: a Fibonacci spiral.
+fn hemisphere() -> [DVec3; N_DIRECTIONS] {
+    /// 2π(1 − 1/φ), the golden angle.
+    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+    std::array::from_fn(|i| {
+        let z = (i as f64 + 0.5) / N_DIRECTIONS as f64;
+        let (radius, phi) = ((1.0 - z * z).sqrt(), GOLDEN_ANGLE * i as f64);
+        DVec3::new(radius * libm::cos(phi), radius * libm::sin(phi), z)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::test_scenes::*;
+
+    #[test]
+    fn directions_are_unit_and_cover_the_hemisphere_evenly() {
+        let directions = hemisphere();
+        let mean: DVec3 = directions.iter().sum::<DVec3>() / N_DIRECTIONS as f64;
+        assert!(directions.iter().all(|d| (d.length() - 1.0).abs() < 1e-12 && d.z > 0.0));
+        // The mean of a hemisphere is (0, 0, ½); 32 points leave a few hundredths sideways.
+        assert!((mean - DVec3::new(0.0, 0.0, 0.5)).length() < 0.03, "{mean}");
+    }
+
+    fn buried(scene: &Scene, object: usize, edge_length: f32) -> (World, Vec<ObjectPlan>, Vec<u32>) {
+        let (world, plans) = plan(scene, &params(edge_length));
+        let plan = &plans[object];
+        let texels = directions(6);
+        let sees_nothing = |i: u32| open_share(&world, plan, i as usize, &texels) == 0.0;
+        let hit =
+            |origin: [f32; 3], direction: [f32; 3]| closest(&world, origin, wide(direction), &[]).map(|(t, id, back)| (t as f32, id, back));
+        let found = find_buried(scene, &world, plan, edge_length, &sees_nothing, &hit);
+        (world, plans, found)
+    }
+
+    #[test]
+    fn floor_points_inside_a_solid_box_are_buried_and_no_others() {
+        let mut scene = scene();
+        add(&mut scene, "floor", vec![quad([-1.0, 0.0, -1.0], [0.0, 0.0, 2.0], [2.0, 0.0, 0.0], 0)], IDENTITY);
+        add(&mut scene, "box", vec![cuboid([-0.33, -0.1, -0.33], [0.33, 0.4, 0.33], false, 0)], IDENTITY);
+        let (_, mut plans, found) = buried(&scene, 0, 0.25);
+        let plan = &mut plans[0];
+        assert!(!found.is_empty());
+        for i in 0..plan.n_points() as u32 {
+            let [x, _, z] = plan.position[i as usize];
+            assert_eq!(found.contains(&i), x.abs() < 0.33 && z.abs() < 0.33, "{x} {z}");
+        }
+        plan.mark_buried(&found);
+        assert_eq!(plan.n_buried(), found.len());
+    }
+
+    #[test]
+    fn a_floor_under_a_tight_double_sided_sheet_is_buried_but_a_dark_room_is_not() {
+        let mut scene = scene();
+        add(&mut scene, "floor", vec![quad([-1.0, 0.0, -1.0], [0.0, 0.0, 2.0], [2.0, 0.0, 0.0], 0)], IDENTITY);
+        add(&mut scene, "sheet", vec![quad([-3.0, 1e-4, -3.0], [0.0, 0.0, 6.0], [6.0, 0.0, 0.0], 1)], IDENTITY);
+        let (_, plans, found) = buried(&scene, 0, 0.25);
+        assert_eq!(found.len(), plans[0].n_points(), "0.1 mm is within 2⁻⁸ of 0.25 m");
+
+        let mut scene = crate::plan::test_scenes::scene();
+        add(&mut scene, "room", vec![cuboid([0.0; 3], [2.0, 2.0, 2.0], true, 0)], IDENTITY);
+        let (_, _, found) = buried(&scene, 0, 0.6);
+        assert!(found.is_empty(), "dark, but in front of its walls");
+    }
+}
