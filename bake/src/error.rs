@@ -1,5 +1,6 @@
 //! What can go wrong in a bake, one variant per thing that a user can act on.
 
+use crate::plan::PlanError;
 use crate::scene::SceneError;
 use prelight_manifests::{ByteSize, ManifestError};
 use prelight_runtime::error::RuntimeError;
@@ -16,6 +17,9 @@ pub enum BakeError {
     /// The scene manifest or the asset manifest is not usable.
     #[error(transparent)]
     Manifest(#[from] ManifestError),
+    /// Points cannot be planned.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
     /// A chunk, an environment or an image is not usable.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),

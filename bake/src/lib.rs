@@ -1,5 +1,6 @@
 //! Bakes light transport: **plan, run, seal, check**. Opens no window and never prints; progress goes through a trait.
 
+pub mod bake;
 pub mod block_product;
 pub mod engine;
 pub mod error;
@@ -7,6 +8,8 @@ pub mod plan;
 pub mod progress;
 pub mod refine;
 pub mod scene;
+pub mod seal;
+pub mod settings;
 pub mod trace;
 
 pub use error::BakeError;

@@ -351,6 +351,9 @@ fn asset(name: &str, n: u8, seed: u8) -> prelight_manifests::AssetManifest {
         technique: "block_product".into(),
         n_points: 10 * u32::from(n),
         n_triangles: 2,
+        base: chunk(ChunkKind::Base, 5),
+        world_from_local: [0.0; 16],
+        edge_length: 0.05,
         mesh: chunk(ChunkKind::Mesh, 4),
         patches: (0..n).map(patch).collect(),
     };

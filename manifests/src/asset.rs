@@ -55,6 +55,12 @@ pub struct AssetObject {
     pub n_points: u32,
     /// Refined triangles.
     pub n_triangles: u32,
+    /// Geometry as the source gave it, local space; instances share it.
+    pub base: Descriptor,
+    /// Column-major affine transform of `base`.
+    pub world_from_local: [f64; 16],
+    /// Longest edge of the refined mesh, metres: where rays start depends on it.
+    pub edge_length: f32,
     /// Refined mesh.
     pub mesh: Descriptor,
     /// Patches in order; point `i` of the object lies in the patch whose running count holds `i`.
@@ -86,7 +92,7 @@ impl AssetContent {
         let scene = [&self.materials, &self.cameras, &self.names].into_iter().chain(&self.textures);
         let objects = self.objects.iter().flat_map(|object| {
             let patches = object.patches.iter().flat_map(|patch| [&patch.points, &patch.surface, &patch.visibility]);
-            std::iter::once(&object.mesh).chain(patches)
+            [&object.base, &object.mesh].into_iter().chain(patches)
         });
         scene.chain(objects)
     }
@@ -152,6 +158,7 @@ impl AssetManifest {
                 let field = format!("content.objects[{i}].name");
                 return Err(range(field, format!("{:?}", object.name), "a name that no object before it has"));
             }
+            kind(format!("content.objects[{i}].base"), &object.base, ChunkKind::Base)?;
             kind(format!("content.objects[{i}].mesh"), &object.mesh, ChunkKind::Mesh)?;
             if !crate::Technique::BUILT_IN.contains(&object.technique.as_str()) {
                 return Err(ManifestError::Technique {

@@ -25,6 +25,8 @@ pub enum ChunkKind {
     Names,
     /// An image traced once and kept: reference of a chart.
     Image,
+    /// Geometry of one object as its source gave it.
+    Base,
 }
 
 /// Element type of a chunk's main array.

@@ -10,5 +10,7 @@ pub mod brdf;
 pub mod draw;
 pub mod environment;
 pub mod error;
+
+pub mod relight;
 pub mod sphere;
 pub mod surface;

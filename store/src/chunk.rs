@@ -51,6 +51,12 @@ enum Owner {
 }
 
 impl Chunk {
+    /// A chunk of these bytes, copied to an aligned place of its own: for bytes that were just made and are put as well.
+    pub fn from_plain(bytes: &[u8]) -> Self {
+        let aligned = AlignedBytes::copy(bytes).expect("memory for a second copy of bytes that are in memory");
+        Chunk::owned(aligned)
+    }
+
     pub(crate) fn owned(bytes: AlignedBytes) -> Self {
         let range = 0..bytes.as_ref().len();
         Chunk { owner: Owner::Owned(Arc::new(bytes)), range }

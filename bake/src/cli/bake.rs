@@ -1,9 +1,21 @@
 //! `prelight bake`: plan, run, seal, check. Resumes by itself.
 
 use super::args::{BakeKnobs, SceneArgs};
-use super::{Context, ExitCode, Failure, Summary};
+use super::context::peak_memory;
+use super::loaded::Loaded;
+use super::output::write_atomically;
+use super::{Context, Failure, Summary};
 use clap::Args;
-use std::path::PathBuf;
+use prelight_bake::bake::{Baked, bake};
+use prelight_bake::seal::seal;
+use prelight_store::Store;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Tiles of a patch: blocks of 16x16 directions.
+const TILES_PER_PATCH: u64 = 96;
 
 /// Bake what is missing; a bake that was stopped resumes
 #[derive(Args, Debug)]
@@ -18,6 +30,83 @@ pub struct BakeArgs {
 }
 
 /// Runs the verb.
-pub fn run(_args: BakeArgs, _context: &Context) -> Result<Summary, Failure> {
-    Err(Failure::text(ExitCode::Failed, "`bake` is not in this build yet"))
+pub fn run(args: BakeArgs, context: &Context) -> Result<Summary, Failure> {
+    if context.dry_run {
+        return super::plan::run(super::plan::PlanArgs { scene: args.scene, output: args.output, knobs: args.knobs }, context);
+    }
+    let start = Instant::now();
+    let loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
+    let read_seconds = start.elapsed().as_secs_f64();
+    let asset = args.output.unwrap_or_else(|| PathBuf::from(format!("{}.prelight.json", loaded.input.stem())));
+    let folder = context.store.clone().unwrap_or_else(|| default_store(&asset));
+    let store = Store::open_or_create(&folder)?;
+    let baked = bake(&loaded.scene, &loaded.settings.options, &store, context.progress())?;
+    let summary = summary(&baked, &loaded, &asset, &folder, read_seconds, start);
+    let report = report(&summary, &loaded, &asset, &folder);
+    let manifest = seal(&baked, report, &store)?;
+    write_atomically(&asset, |out| out.write_all(manifest.to_text().as_bytes()))?;
+    Ok(summary)
+}
+
+/// `.prelight` beside the asset.
+pub fn default_store(asset: &Path) -> PathBuf {
+    asset.parent().map(Path::to_path_buf).unwrap_or_default().join(".prelight")
+}
+
+fn summary(baked: &Baked, loaded: &Loaded, asset: &Path, store: &Path, read_seconds: f64, start: Instant) -> Summary {
+    let stats = &baked.stats;
+    let mut summary = Summary::new();
+    summary
+        .set("asset", asset.display().to_string())
+        .set("asset_digest", baked.asset_digest.to_string())
+        .set("store", store.display().to_string())
+        .set("edge_length", round(loaded.settings.edge_length))
+        .set("objects", baked.content.objects.len())
+        .set("points", stats.points)
+        .set("points_buried", stats.buried)
+        .set("points_split", stats.points_split)
+        .set("triangles", stats.triangles)
+        .set("tiles.total", stats.patches * TILES_PER_PATCH)
+        .set("tiles.baked", stats.patches_traced * TILES_PER_PATCH)
+        .set("tiles.reused", (stats.patches - stats.patches_traced) * TILES_PER_PATCH)
+        .set("bytes.stored", stats.bytes_stored)
+        .set("bytes.resident", stats.bytes_resident)
+        .set("seconds.total", start.elapsed().as_secs_f64())
+        .set("seconds.read", read_seconds);
+    for (stage, seconds) in &stats.seconds {
+        summary.set(&format!("seconds.{stage}"), *seconds);
+    }
+    if let Some(peak) = peak_memory() {
+        summary.set("bytes.peak_memory", peak.0);
+    }
+    summary
+}
+
+/// f32 as a person wrote it, not as f64 shows it.
+pub fn round(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
+}
+
+/// What the asset's `report` keeps: how it went, where the store is, and the lights that `render` may be asked for by name.
+fn report(summary: &Summary, loaded: &Loaded, asset: &Path, store: &Path) -> BTreeMap<String, Value> {
+    let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()).display().to_string();
+    let beside = asset.parent().map(Path::to_path_buf).unwrap_or_default();
+    let store_name = match store.strip_prefix(&beside) {
+        // Beside the asset: both can be moved together.
+        Ok(relative) => relative.display().to_string(),
+        Err(_) => absolute(store),
+    };
+    let environments: Vec<Value> = (loaded.input.manifest.environment.iter())
+        .map(|entry| {
+            let image = absolute(&loaded.input.environment_path(entry));
+            json!({ "name": entry.name, "image": image, "rotate_y_deg": entry.rotate_y_deg, "intensity": entry.intensity })
+        })
+        .collect();
+    BTreeMap::from([
+        ("bake".to_string(), Value::Object(summary.fields().clone())),
+        ("store".to_string(), store_name.into()),
+        ("scene".to_string(), absolute(&loaded.input.file).into()),
+        ("environments".to_string(), environments.into()),
+        ("prelight".to_string(), env!("CARGO_PKG_VERSION").into()),
+    ])
 }

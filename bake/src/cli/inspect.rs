@@ -1,9 +1,25 @@
 //! `prelight inspect`: what is in a bake: objects, sizes, errors.
 
 use super::args::ViewArgs;
+use super::bake::round;
+use super::opened::{camera, open_asset, open_environment};
+use super::render::{Picture, relight, set_metrics, write_image};
+use super::truth::trace_reference;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
-use std::path::PathBuf;
+use prelight_manifests::ByteSize;
+use prelight_runtime::asset::Asset;
+use prelight_runtime::asset::points::BURIED;
+use prelight_runtime::draw::camera::CameraRays;
+use prelight_runtime::draw::flip::flip_map;
+use prelight_runtime::draw::image::Image;
+use prelight_runtime::draw::metrics::compare;
+use prelight_runtime::draw::tonemap::expose;
+use prelight_runtime::environment::{Environment, LightCubemap};
+use prelight_runtime::relight::Relighter;
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, HashSet};
+use std::path::{Path, PathBuf};
 
 /// What `--map` draws.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -39,7 +55,134 @@ pub struct InspectArgs {
     pub view: ViewArgs,
 }
 
+/// Objects listed for people; `--json` lists all.
+const LISTED: usize = 30;
+
 /// Runs the verb.
-pub fn run(_args: InspectArgs, _context: &Context) -> Result<Summary, Failure> {
-    Err(Failure::text(ExitCode::Failed, "`inspect` is not in this build yet"))
+pub fn run(args: InspectArgs, context: &Context) -> Result<Summary, Failure> {
+    let asset = open_asset(&args.asset, context)?;
+    match (args.map, &args.output) {
+        (Some(Map::Points), Some(output)) => map_points(&asset, &args, output),
+        (Some(Map::Error), Some(output)) => map_error(&asset, &args, output, context),
+        _ => contents(&asset, &args),
+    }
+}
+
+fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
+    let manifest = asset.manifest();
+    let mut by_kind: BTreeMap<String, u64> = BTreeMap::new();
+    let mut seen = HashSet::new();
+    for descriptor in manifest.content.descriptors().filter(|descriptor| seen.insert(descriptor.digest)) {
+        let kind = serde_json::to_value(descriptor.kind)?;
+        *by_kind.entry(kind.as_str().unwrap_or_default().to_string()).or_default() += descriptor.bytes;
+    }
+    let glob = match &args.object {
+        Some(pattern) => Some(globset::Glob::new(pattern)?.compile_matcher()),
+        None => None,
+    };
+    let chosen = |name: &str| {
+        glob.as_ref().is_none_or(|glob| glob.is_match(name) || name.rsplit('/').next().is_some_and(|last| glob.is_match(last)))
+    };
+    let flags = |patches: std::ops::Range<usize>| asset.patches[patches].iter().flat_map(|patch| patch.points().flags.to_vec());
+    let mut objects: Vec<Value> = Vec::new();
+    for (object, entry) in asset.objects.iter().zip(&manifest.content.objects).filter(|(object, _)| chosen(&object.name)) {
+        let buried = flags(object.patches.clone()).filter(|flags| flags & BURIED != 0).count();
+        let visibility: u64 = entry.patches.iter().map(|patch| patch.visibility.bytes).sum();
+        objects.push(json!({
+            "name": object.name, "technique": entry.technique, "points": entry.n_points, "buried": buried, "triangles": entry.n_triangles,
+            "patches": entry.patches.len(), "edge_length": round(object.edge_length), "bytes": { "visibility": visibility, "mesh": entry.mesh.bytes },
+        }));
+    }
+    let mut summary = Summary::new();
+    summary
+        .set("asset", args.asset.display().to_string())
+        .set("asset_digest", manifest.asset_digest.to_string())
+        .set("points", asset.n_points())
+        .set("patches", asset.patches.len())
+        .set("bytes.resident", asset.resident_bytes())
+        .set("bytes.by_kind", serde_json::to_value(&by_kind)?)
+        .set("materials", asset.materials().len())
+        .set("textures", manifest.content.textures.len())
+        .set("cameras", asset.cameras().iter().map(|camera| camera.name.clone()).collect::<Vec<_>>())
+        .set("report", serde_json::to_value(&manifest.report)?);
+    let text = text(asset, &by_kind, &mut objects.clone());
+    summary.set("objects", objects).set_text(text);
+    Ok(summary)
+}
+
+fn text(asset: &Asset, by_kind: &BTreeMap<String, u64>, objects: &mut [Value]) -> String {
+    let manifest = asset.manifest();
+    let mut rows = vec![
+        ("asset", manifest.asset_digest.to_string()),
+        ("points", asset.n_points().to_string()),
+        ("in memory", ByteSize(asset.resident_bytes()).to_string()),
+    ];
+    rows.extend(by_kind.iter().map(|(kind, bytes)| (kind.as_str(), ByteSize(*bytes).to_string())));
+    let mut text: String = rows.iter().map(|(name, value)| format!("{name:<14}{value}\n")).collect();
+    text += &format!("\n{:>9} {:>9} {:>8}  {}\n", "points", "triangles", "buried", "object");
+    objects.sort_by_key(|object| std::cmp::Reverse(object["points"].as_u64()));
+    for object in objects.iter().take(LISTED) {
+        let number = |field: &str| object[field].as_u64().unwrap_or(0);
+        let name = object["name"].as_str().unwrap_or_default();
+        text += &format!("{:>9} {:>9} {:>8}  {name}\n", number("points"), number("triangles"), number("buried"));
+    }
+    if objects.len() > LISTED {
+        text += &format!("{:>9} {:>9} {:>8}  and {} more\n", "", "", "", objects.len() - LISTED);
+    }
+    text
+}
+
+/// Clay under an even sky, with a dot at every point that the picture is interpolated from; buried points red.
+fn map_points(asset: &Asset, args: &InspectArgs, output: &Path) -> Result<Summary, Failure> {
+    let camera = camera(asset, &args.view)?;
+    let size = [args.view.size.0 as usize, args.view.size.1 as usize];
+    let sky = Environment::new(2, 1, vec![[1.0; 3]; 2]);
+    let (light, _) = LightCubemap::from_environment(&sky, asset.manifest().content.face_resolution as usize);
+    let mut relighter = Relighter::new(asset);
+    relighter.set_light(&light);
+    let view = relighter.view(&camera, size, 4)?;
+    relighter.shade(camera.eye, Some(&view.points));
+    let mut image = relighter.draw(&view, &|_| [0.02; 3], true)?.image;
+    let rays = CameraRays::new(&camera, size[0], size[1])?;
+    let (mut shown, mut buried) = (0u64, 0u64);
+    for patch in &asset.patches {
+        let points = patch.points();
+        for (i, position) in points.position.iter().enumerate().filter(|(i, _)| view.points[patch.points.start + i]) {
+            let is_buried = points.flags[i] & BURIED != 0;
+            shown += 1;
+            buried += u64::from(is_buried);
+            let [x, y, w] = rays.homogeneous(*position);
+            let at = [x / w, y / w].map(|v| v.floor());
+            if w <= 0.0 || at[0] < 0.0 || at[1] < 0.0 || at[0] >= size[0] as f64 || at[1] >= size[1] as f64 {
+                continue;
+            }
+            image.pixels[at[1] as usize * size[0] + at[0] as usize] = if is_buried { [1.0, 0.0, 0.0] } else { [0.0, 0.9, 0.1] };
+        }
+    }
+    write_image(&image, output, 1.0)?;
+    let mut summary = Summary::new();
+    summary.set("image", output.display().to_string()).set("points_shown", shown).set("points_buried", buried);
+    Ok(summary)
+}
+
+/// FLIP of the bake against the reference, black (equal) to white.
+fn map_error(asset: &Asset, args: &InspectArgs, output: &Path, context: &Context) -> Result<Summary, Failure> {
+    let Some(name) = &args.environment else {
+        return Err(Failure::text(ExitCode::Usage, "an error map needs a light\n  help: -e FILE or -e NAME"));
+    };
+    let camera = camera(asset, &args.view)?;
+    let environment = open_environment(asset, name, 0.0, context)?;
+    let size = [args.view.size.0 as usize, args.view.size.1 as usize];
+    let mut summary = Summary::new();
+    let picture = Picture { camera, size, samples: 16, clay: false };
+    let frame = relight(asset, &environment, &picture, &mut summary)?;
+    let truth = trace_reference(asset, &environment, &picture, args.reference, 0, context)?;
+    let metrics = compare(&frame.image, &truth.image, &truth.mask, None, Some([&truth.half_a, &truth.half_b]))?;
+    let look = |image: &Image| expose(image, metrics.exposure as f32);
+    let error = flip_map(&look(&frame.image), &look(&truth.image));
+    let pixels = error.iter().zip(&truth.mask).map(|(error, mask)| if *mask { [*error; 3] } else { [0.0; 3] }).collect();
+    write_image(&Image { width: size[0], height: size[1], pixels }, output, 1.0)?;
+    set_metrics(&mut summary, &metrics);
+    summary.set("image", output.display().to_string());
+    Ok(summary)
 }

@@ -13,6 +13,8 @@ mod exit;
 mod init;
 mod inspect;
 mod interrupt;
+mod loaded;
+mod opened;
 mod output;
 mod plan;
 mod read;
@@ -21,6 +23,7 @@ mod reporter;
 mod schema;
 mod style;
 mod summary;
+mod truth;
 
 pub use context::Context;
 pub use exit::{ExitCode, Failure, Words};

@@ -1,9 +1,22 @@
 //! `prelight render`: an image from a bake, under any environment; no ray is traced, unless for `--reference`.
 
 use super::args::{ViewArgs, finite};
+use super::bake::round;
+use super::opened::{camera, open_asset, open_environment};
+use super::output::write_atomically;
+use super::truth::trace_reference;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
-use std::path::PathBuf;
+use prelight_runtime::asset::Asset;
+use prelight_runtime::draw::camera::Camera;
+use prelight_runtime::draw::image::Image;
+use prelight_runtime::draw::metrics::{Metrics, compare};
+use prelight_runtime::draw::shade::Frame;
+use prelight_runtime::draw::tonemap::{automatic_exposure, expose, exposure_from_ev};
+use prelight_runtime::environment::{Environment, LightCubemap};
+use prelight_runtime::relight::Relighter;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// Render an image from a bake under any environment
 #[derive(Args, Debug)]
@@ -43,6 +56,114 @@ pub struct RenderArgs {
 }
 
 /// Runs the verb.
-pub fn run(_args: RenderArgs, _context: &Context) -> Result<Summary, Failure> {
-    Err(Failure::text(ExitCode::Failed, "`render` is not in this build yet"))
+pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
+    let start = Instant::now();
+    if image_format(&args.output).is_none() {
+        let text = format!("{} is neither .png nor .exr\n  help: -o render.png", args.output.display());
+        return Err(Failure::text(ExitCode::Usage, text));
+    }
+    let asset = open_asset(&args.asset, context)?;
+    let camera = camera(&asset, &args.view)?;
+    let open = start.elapsed().as_secs_f64();
+    let environment = open_environment(&asset, &args.environment, args.rotate, context)?;
+    let mut summary = Summary::new();
+    summary.set("image", args.output.display().to_string());
+    let size = [args.view.size.0 as usize, args.view.size.1 as usize];
+    let picture = Picture { camera, size, samples: args.samples as usize, clay: args.clay };
+    let frame = if args.reference_only { None } else { Some(relight(&asset, &environment, &picture, &mut summary)?) };
+    summary.set("seconds.open", open);
+    summary.set("camera.eye", floats(camera.eye)).set("camera.look_at", floats(camera.look_at)).set("camera.up", floats(camera.up));
+    summary.set("camera.fov_y_deg", round(camera.fov_y_deg));
+
+    let exposure = args.exposure.map(exposure_from_ev);
+    let mut used = exposure;
+    if let Some(spp) = args.reference {
+        let truth = trace_reference(&asset, &environment, &picture, spp, args.bounces, context)?;
+        let path = if args.reference_only { args.output.clone() } else { reference_path(&args.output) };
+        used = Some(exposure.unwrap_or_else(|| automatic_exposure(&truth.image, &truth.mask)));
+        if let Some(frame) = &frame {
+            let halves = Some([&truth.half_a, &truth.half_b]);
+            let metrics = compare(&frame.image, &truth.image, &truth.mask, exposure, halves)?;
+            set_metrics(&mut summary, &metrics);
+        }
+        summary.set("reference", path.display().to_string()).set("seconds.reference", truth.seconds).set("rays", truth.rays);
+        write_image(&truth.image, &path, used.unwrap_or(1.0))?;
+    }
+    if let Some(frame) = &frame {
+        let exposure = used.unwrap_or_else(|| automatic_exposure(&frame.image, &frame.mask));
+        summary.set("exposure", f64::from(exposure));
+        write_image(&frame.image, &args.output, exposure)?;
+    }
+    summary.set("seconds.total", start.elapsed().as_secs_f64());
+    Ok(summary)
+}
+
+/// What is drawn, whatever draws it.
+pub struct Picture {
+    pub camera: Camera,
+    pub size: [usize; 2],
+    pub samples: usize,
+    pub clay: bool,
+}
+
+/// The picture from the bake alone.
+pub fn relight(asset: &Asset, environment: &Environment, picture: &Picture, summary: &mut Summary) -> Result<Frame, Failure> {
+    let clock = Instant::now();
+    let (light, energy) = LightCubemap::from_environment(environment, asset.manifest().content.face_resolution as usize);
+    let mut relighter = Relighter::new(asset);
+    relighter.set_light(&light);
+    summary.set("seconds.prepare", clock.elapsed().as_secs_f64());
+    summary.set("energy.before", energy.before.to_vec()).set("energy.after", energy.after.to_vec());
+    let clock = Instant::now();
+    let view = relighter.view(&picture.camera, picture.size, picture.samples)?;
+    let raster = clock.elapsed().as_secs_f64();
+    let clock = Instant::now();
+    let shaded = relighter.shade(picture.camera.eye, Some(&view.points));
+    summary.set("seconds.shade", clock.elapsed().as_secs_f64()).set("points_shaded", shaded);
+    let clock = Instant::now();
+    let frame = relighter.draw(&view, &|direction| environment.radiance(direction), picture.clay)?;
+    summary.set("seconds.draw", raster + clock.elapsed().as_secs_f64());
+    Ok(frame)
+}
+
+/// Marks over the mask at the top level, the whole frame below `frame`.
+pub fn set_metrics(summary: &mut Summary, metrics: &Metrics) {
+    summary
+        .set("psnr_db", metrics.mask.psnr_db)
+        .set("relative_l2", metrics.mask.relative_l2)
+        .set("flip", metrics.mask.flip)
+        .set("exposure", metrics.exposure)
+        .set("mask_share", metrics.mask_share)
+        .set("reference_noise", metrics.reference_noise)
+        .set("is_bound", metrics.is_bound())
+        .set("frame.psnr_db", metrics.frame.psnr_db)
+        .set("frame.relative_l2", metrics.frame.relative_l2)
+        .set("frame.flip", metrics.frame.flip);
+}
+
+fn floats(values: [f32; 3]) -> Vec<f64> {
+    values.iter().map(|value| round(*value)).collect()
+}
+
+/// `room.png` -> `room.reference.png`.
+fn reference_path(image: &Path) -> PathBuf {
+    let extension = image.extension().unwrap_or_default().to_string_lossy().into_owned();
+    image.with_extension(format!("reference.{extension}"))
+}
+
+fn image_format(path: &Path) -> Option<&'static str> {
+    match path.extension()?.to_str()?.to_lowercase().as_str() {
+        "png" => Some("png"),
+        "exr" => Some("exr"),
+        _ => None,
+    }
+}
+
+/// PNG at the exposure, or EXR with the radiance itself.
+pub fn write_image(image: &Image, path: &Path, exposure: f32) -> Result<(), Failure> {
+    let bytes = match image_format(path) {
+        Some("exr") => image.to_exr()?,
+        _ => expose(image, exposure).to_png()?,
+    };
+    Ok(write_atomically(path, |out| out.write_all(&bytes))?)
 }

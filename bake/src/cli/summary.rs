@@ -48,7 +48,6 @@ impl Summary {
     }
 
     /// The fields, with dots as nesting.
-    #[cfg(test)]
     pub fn fields(&self) -> &Map<String, Value> {
         &self.fields
     }

@@ -35,28 +35,45 @@ pub fn find_buried(
     sees_nothing: &dyn Fn(u32) -> bool,
     closest: &ClosestHit,
 ) -> Vec<u32> {
-    let single_sided = |triangle: u32| {
-        let primitive = &world.primitives[world.primitive[triangle as usize] as usize];
-        !scene.materials[primitive.material as usize].double_sided
-    };
-    let directions = hemisphere();
-    let is_buried = |i: u32| {
+    let probe = BuriedProbe::new(scene, world);
+    (0..plan.n_points() as u32).filter(|&i| sees_nothing(i) && probe.is_buried(plan, i, edge_length, closest)).collect()
+}
+
+/// The rule, for one point at a time.
+pub struct BuriedProbe<'a> {
+    scene: &'a Scene,
+    world: &'a World,
+    directions: [DVec3; N_DIRECTIONS],
+}
+
+impl<'a> BuriedProbe<'a> {
+    /// For points of this scene.
+    pub fn new(scene: &'a Scene, world: &'a World) -> Self {
+        BuriedProbe { scene, world, directions: hemisphere() }
+    }
+
+    /// Whether point `i`, which sees nothing, is buried.
+    pub fn is_buried(&self, plan: &ObjectPlan, i: u32, edge_length: f32, closest: &ClosestHit) -> bool {
         let normal = plan.geometric_normal[i as usize];
         let limit = COINCIDENT * local_edge(plan, i, edge_length);
         let (t, b) = tangents(normal);
         let (t, b, n) = (wide(t), wide(b), wide(normal));
         let (mut behind, mut near) = (0, 0);
-        for d in &directions {
+        for d in &self.directions {
             let direction = t * d.x + b * d.y + n * d.z;
             if let Some((distance, triangle, back)) = closest(plan.origin[i as usize], narrow(direction)) {
-                behind += usize::from(back && single_sided(triangle));
-                let facing = area_normal(&world.positions[triangle as usize]).normalize_or_zero().dot(n).abs();
+                behind += usize::from(back && self.is_single_sided(triangle));
+                let facing = area_normal(&self.world.positions[triangle as usize]).normalize_or_zero().dot(n).abs();
                 near += usize::from(f64::from(distance) * d.z <= limit && facing > std::f64::consts::FRAC_1_SQRT_2);
             }
         }
         2 * behind >= N_DIRECTIONS || 2 * near >= N_DIRECTIONS
-    };
-    (0..plan.n_points() as u32).filter(|&i| sees_nothing(i) && is_buried(i)).collect()
+    }
+
+    fn is_single_sided(&self, triangle: u32) -> bool {
+        let primitive = &self.world.primitives[self.world.primitive[triangle as usize] as usize];
+        !self.scene.materials[primitive.material as usize].double_sided
+    }
 }
 
 /// Mean edge of the base triangle that a point was made in, at most the bake's edge length.

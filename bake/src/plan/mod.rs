@@ -8,6 +8,8 @@
 mod attributes;
 pub mod buried;
 mod draft;
+pub mod estimate;
+pub mod key;
 pub mod origin;
 pub mod params;
 pub mod patch;

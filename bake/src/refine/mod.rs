@@ -14,6 +14,7 @@ pub mod edge;
 pub mod refined;
 mod round;
 pub mod split;
+pub mod visibility_difference;
 
 pub use count::{PointCount, count_object, edge_length_for_points};
 pub use differing::split_differing;

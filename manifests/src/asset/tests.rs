@@ -21,6 +21,9 @@ fn object(name: &str, seed: u8) -> AssetObject {
         technique: "block_product".into(),
         n_points: 300,
         n_triangles: 2,
+        base: descriptor(ChunkKind::Base, seed + 8),
+        world_from_local: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.1, -0.25, 1e-300, 1.0],
+        edge_length: 0.05,
         mesh: descriptor(ChunkKind::Mesh, seed),
         patches: vec![patch(256, seed + 1), patch(44, seed + 4)],
     }

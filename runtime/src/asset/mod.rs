@@ -2,7 +2,11 @@
 //!
 //! [`points`], [`surface`] and [`mesh`] are the layouts of the chunks that every technique shares.
 
+pub mod base;
 pub mod layout;
 pub mod mesh;
+pub mod open;
 pub mod points;
 pub mod surface;
+
+pub use open::{Asset, AssetObject, AssetPatch};

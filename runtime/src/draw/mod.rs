@@ -4,6 +4,7 @@
 
 pub mod camera;
 pub mod flip;
+pub mod framing;
 pub mod image;
 pub mod metrics;
 pub mod raster;
@@ -17,6 +18,7 @@ mod raster_tests;
 mod shade_tests;
 
 pub use camera::{Camera, CameraRays, SceneCamera};
+pub use framing::automatic_view;
 pub use image::Image;
 pub use metrics::{Metrics, Scores};
 pub use raster::Visibility;

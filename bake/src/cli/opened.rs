@@ -1,0 +1,86 @@
+//! An asset and an environment opened: what `render` and `inspect` begin with.
+
+use super::args::ViewArgs;
+use super::read::{parse_asset, read};
+use super::{Context, ExitCode, Failure};
+use prelight_runtime::asset::Asset;
+use prelight_runtime::asset::mesh::Mesh;
+use prelight_runtime::draw::camera::Camera;
+use prelight_runtime::draw::framing::automatic_view;
+use prelight_runtime::environment::{Environment, Limits};
+use prelight_store::Store;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// Vertical field of view of `--eye`, degrees, where `--fov` is not given.
+const DEFAULT_FOV: f32 = 45.0;
+
+/// Opens an asset: `--store` wins over the store that the asset names, which is relative to the asset's folder.
+pub fn open_asset(file: &Path, context: &Context) -> Result<Asset, Failure> {
+    let manifest = parse_asset(file, &read(file, context.memory)?)?;
+    let folder = match (&context.store, manifest.report.get("store").and_then(Value::as_str)) {
+        (Some(folder), _) => folder.clone(),
+        (None, Some(name)) => file.parent().unwrap_or(Path::new("")).join(name),
+        (None, None) => super::bake::default_store(file),
+    };
+    let store = Store::open(&folder)?;
+    Ok(Asset::open(manifest, &store)?)
+}
+
+/// The environment of that name in the asset, else the file; turned by `rotate` degrees more.
+pub fn open_environment(asset: &Asset, name: &str, rotate: f32, context: &Context) -> Result<Environment, Failure> {
+    let known = asset.manifest().report.get("environments").and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default();
+    let entry = known.iter().find(|entry| entry["name"] == name);
+    let (path, turned, intensity) = match entry {
+        Some(entry) => (
+            PathBuf::from(entry["image"].as_str().unwrap_or_default()),
+            entry["rotate_y_deg"].as_f64().unwrap_or(0.0),
+            entry["intensity"].as_f64().unwrap_or(1.0),
+        ),
+        None => (PathBuf::from(name), 0.0, 1.0),
+    };
+    if entry.is_none() && !path.exists() {
+        let names: Vec<&str> = known.iter().filter_map(|entry| entry["name"].as_str()).collect();
+        let help = if names.is_empty() {
+            "name an .hdr or .exr file".to_string()
+        } else {
+            format!("name a file, or one of: {}", names.join(", "))
+        };
+        return Err(Failure::text(ExitCode::Input, format!("there is no environment {name}\n  help: {help}")));
+    }
+    let bytes = read(&path, context.memory)?;
+    let limits = Limits { max_bytes: context.memory.0 };
+    let (environment, report) = Environment::decode(&path.display().to_string(), &bytes, &limits)?;
+    for warning in report.warnings() {
+        context.progress().warning(&format!("{}: {warning}", path.display()));
+    }
+    Ok(environment.with_rotation(turned + f64::from(rotate)).with_intensity(intensity as f32))
+}
+
+/// The camera asked for: by name, by numbers, the scene's first, or one that frames the scene.
+pub fn camera(asset: &Asset, view: &ViewArgs) -> Result<Camera, Failure> {
+    let mut camera = match (&view.camera, view.eye, view.look_at) {
+        (Some(name), ..) => {
+            let found = asset.cameras().iter().find(|camera| camera.name == *name);
+            let names: Vec<&str> = asset.cameras().iter().map(|camera| camera.name.as_str()).collect();
+            let help = if names.is_empty() {
+                "the scene has none; use --eye and --look-at".into()
+            } else {
+                format!("it has: {}", names.join(", "))
+            };
+            found.ok_or_else(|| Failure::text(ExitCode::Input, format!("the scene has no camera {name}\n  help: {help}")))?.camera
+        }
+        (None, Some(eye), Some(look_at)) => Camera::upright(eye, look_at, view.fov.unwrap_or(DEFAULT_FOV))?,
+        _ => match asset.cameras().first() {
+            Some(first) => first.camera,
+            None => automatic_camera(asset, view),
+        },
+    };
+    camera.fov_y_deg = view.fov.unwrap_or(camera.fov_y_deg);
+    Ok(camera)
+}
+
+fn automatic_camera(asset: &Asset, view: &ViewArgs) -> Camera {
+    let meshes: Vec<Mesh> = (0..asset.objects.len()).map(|object| asset.mesh(object)).collect();
+    automatic_view(&meshes, asset.materials(), &asset.textures(), view.size.0 as f32 / view.size.1 as f32)
+}

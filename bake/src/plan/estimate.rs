@@ -1,0 +1,170 @@
+//! What a bake will hold in memory, counted before any work, and how objects are batched so that it stays under a limit.
+//!
+//! | part | bytes |
+//! |---|---|
+//! | base geometry: scene, flattened world, tree | [`BASE_TRIANGLE_BYTES`] a base triangle |
+//! | a batch: plans, visibility, refinement, chunks | [`POINT_BYTES`] a point |
+//! | a thread: one shard in flight | [`THREAD_BYTES`] |
+
+use super::origin::surface_origin;
+use super::weld::BaseMesh;
+use super::{PlanError, PointParams};
+use crate::bake::BakeOptions;
+use crate::error::BakeError;
+use crate::progress::{Progress, Stage};
+use crate::refine::count::count_object;
+use crate::scene::Scene;
+use crate::scene::world::World;
+use crate::trace::{OccluderOptions, Occluders, Scratch, TraceOrigin};
+use prelight_runtime::block_product::visibility::open_words;
+use rayon::prelude::*;
+use std::ops::Range;
+use std::time::Instant;
+
+/// World, attributes and tree of a base triangle.
+pub const BASE_TRIANGLE_BYTES: u64 = 400;
+/// Plan, refined mesh, visibility and chunks of a point.
+pub const POINT_BYTES: u64 = 1200;
+/// Open bits of a patch, encoder, writer.
+pub const THREAD_BYTES: u64 = 32 << 20;
+/// What refinement at leaks may add to a counted number of points.
+const SPLIT_ALLOWANCE: u64 = 2;
+
+/// Bytes of chunks a point of ordinary scenes: visibility 150..300, points and surface 70, mesh 90.
+const RESIDENT_POINT_BYTES: u64 = 380;
+/// The same on disk: positions and meshes compress, visibility hardly.
+const STORED_POINT_BYTES: u64 = 260;
+/// Points traced to learn what a point costs in this scene.
+const PROBES: u64 = 256;
+/// Share of a bake's time that is not tracing: planning, encoding, sealing.
+const OVERHEAD: f64 = 1.4;
+
+/// What a bake will take, for a person to decide by.
+#[derive(Clone, Debug, Default)]
+pub struct Estimate {
+    /// Per object, before leaks are split.
+    pub points: Vec<u64>,
+    /// Chunks in memory at run time.
+    pub bytes_resident: u64,
+    /// Chunks on disk.
+    pub bytes_stored: u64,
+    /// Peak of the bake.
+    pub bytes_memory: u64,
+    /// Wall seconds of a bake from nothing: traced points scaled up. Within a factor of two.
+    pub seconds: f64,
+}
+
+impl Estimate {
+    /// Points of all objects.
+    pub fn total_points(&self) -> u64 {
+        self.points.iter().sum()
+    }
+}
+
+/// Counts points and traces a few of them.
+pub fn estimate(scene: &Scene, world: &World, options: &BakeOptions, jobs: usize, progress: &dyn Progress) -> Result<Estimate, BakeError> {
+    let _stage = Stage::begin(progress, "plan", None, "points");
+    let start = Instant::now();
+    let points = count_points(scene, world, &options.points)?;
+    let total: u64 = points.iter().sum();
+    let largest = batches(world, &points, options.memory, jobs)?.into_iter().map(|batch| points[batch].iter().sum::<u64>()).max();
+    let occluders = Occluders::build(world, &scene.textures, OccluderOptions { quality: options.tree, ..OccluderOptions::default() });
+    let fixed = start.elapsed().as_secs_f64();
+    let (probes, seconds) = probe(world, &points, options, &occluders);
+    let traced = if probes == 0 { 0.0 } else { seconds / probes as f64 * total as f64 / jobs as f64 };
+    Ok(Estimate {
+        bytes_resident: total * RESIDENT_POINT_BYTES,
+        bytes_stored: total * STORED_POINT_BYTES,
+        bytes_memory: base_bytes(world, jobs) + largest.unwrap_or(0) * POINT_BYTES,
+        seconds: fixed + traced * OVERHEAD,
+        points,
+    })
+}
+
+/// Traces points spread over the objects by their share; returns how many, and the seconds of one thread.
+fn probe(world: &World, points: &[u64], options: &BakeOptions, occluders: &Occluders) -> (u64, f64) {
+    let total: u64 = points.iter().sum();
+    let (mut scratch, mut open) = (Scratch::default(), vec![0; open_words(options.face_resolution as usize)]);
+    let (mut probes, start) = (0, Instant::now());
+    for (object, share) in points.iter().enumerate().filter(|(_, share)| **share > 0) {
+        let triangles = world.object_start[object]..world.object_start[object + 1];
+        let wanted = (PROBES * share).div_ceil(total.max(1)).clamp(1, triangles.len() as u64) as usize;
+        let step = (triangles.len() / wanted).max(1);
+        for triangle in triangles.step_by(step).take(wanted) {
+            let origin = surface_origin(world, triangle, [1.0 / 3.0; 3], false, options.points[object].edge_length);
+            let excluded: &[u32] = if origin.exclude_triangle { &[triangle] } else { &[] };
+            let from = TraceOrigin { origin: origin.origin, normal: origin.normal, base_triangles: excluded };
+            occluders.open_texels(&from, options.face_resolution as usize, &mut scratch, &mut open);
+            probes += 1;
+        }
+    }
+    (probes, start.elapsed().as_secs_f64())
+}
+
+/// Points of each object before leaks are split.
+pub fn count_points(scene: &Scene, world: &World, params: &[PointParams]) -> Result<Vec<u64>, BakeError> {
+    let count = |object: usize| {
+        let params = &params[object];
+        params.check()?;
+        let count = count_object(&BaseMesh::build(scene, world, object), params, u64::from(params.max_triangles));
+        if count.triangles > u64::from(params.max_triangles) {
+            let object = scene.objects[object].name.clone();
+            return Err(PlanError::TooManyTriangles { object, limit: params.max_triangles, edge_length: params.edge_length });
+        }
+        Ok(count.points)
+    };
+    Ok((0..scene.objects.len()).into_par_iter().map(count).collect::<Result<_, PlanError>>()?)
+}
+
+/// Bytes that stay for the whole bake.
+pub fn base_bytes(world: &World, threads: usize) -> u64 {
+    world.positions.len() as u64 * BASE_TRIANGLE_BYTES + threads as u64 * THREAD_BYTES
+}
+
+/// Runs of objects that fit the memory limit one after the other.
+///
+/// # Errors
+/// [`BakeError::Memory`], naming the smallest limit that would do.
+pub fn batches(world: &World, counts: &[u64], memory: u64, threads: usize) -> Result<Vec<Range<usize>>, BakeError> {
+    let bytes = |points: u64| points.saturating_mul(SPLIT_ALLOWANCE * POINT_BYTES);
+    let base = base_bytes(world, threads);
+    let largest = bytes(counts.iter().copied().max().unwrap_or(0));
+    let needed = base.saturating_add(largest);
+    if needed > memory {
+        return Err(BakeError::Memory { what: "the largest object and all occluders".to_string(), needed, limit: memory });
+    }
+    let (mut batches, mut first, mut sum) = (Vec::new(), 0, 0u64);
+    for (object, count) in counts.iter().enumerate() {
+        if object > first && sum + bytes(*count) > memory - base {
+            batches.push(first..object);
+            (first, sum) = (object, 0);
+        }
+        sum = sum.saturating_add(bytes(*count));
+    }
+    if first < counts.len() {
+        batches.push(first..counts.len());
+    }
+    Ok(batches)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batches_partition_the_objects_and_fit() {
+        let world = World::default();
+        let counts = [10, 500, 20, 20, 480, 1, 0, 500];
+        let base = base_bytes(&world, 2);
+        let limit = base + 520 * SPLIT_ALLOWANCE * POINT_BYTES;
+        let batches = batches(&world, &counts, limit, 2).unwrap();
+        assert_eq!(batches.first().unwrap().start, 0);
+        assert_eq!(batches.last().unwrap().end, counts.len());
+        assert!(batches.windows(2).all(|pair| pair[0].end == pair[1].start));
+        assert!(batches.iter().all(|batch| counts[batch.clone()].iter().sum::<u64>() <= 520));
+        let error = super::batches(&world, &counts, base, 2).unwrap_err();
+        let BakeError::Memory { needed, .. } = error else { panic!("{error}") };
+        assert!(super::batches(&world, &counts, needed, 2).is_ok());
+        assert!(super::batches(&world, &counts, needed - 1, 2).is_err());
+    }
+}

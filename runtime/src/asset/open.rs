@@ -1,0 +1,237 @@
+//! Opening a sealed bake: every chunk fetched, verified against its digest and parsed once; what is kept is known to parse.
+//!
+//! Objects, patches and points are numbered through the whole asset: object `o` owns the patches `objects[o].patches`, a patch owns the
+//! points `patches[p].points`.
+
+use super::base::{self, BasePrimitive};
+use super::mesh::Mesh;
+use super::points::Points;
+use super::surface::PointSurfaces;
+use crate::block_product::visibility::Visibility;
+use crate::draw::camera::SceneCamera;
+use crate::error::RuntimeError;
+use crate::surface::{Material, Texture};
+use prelight_manifests::{AssetManifest, Descriptor, Digest};
+use prelight_store::{Chunk, ChunkSource};
+use std::ops::Range;
+
+/// A bake, ready to be lit.
+#[derive(Debug)]
+pub struct Asset {
+    manifest: AssetManifest,
+    materials: Vec<Material>,
+    cameras: Vec<SceneCamera>,
+    textures: Vec<Chunk>,
+    /// Objects in the manifest's order.
+    pub objects: Vec<AssetObject>,
+    /// Patches of all objects, object after object.
+    pub patches: Vec<AssetPatch>,
+}
+
+/// An object of an open asset.
+#[derive(Debug)]
+pub struct AssetObject {
+    /// Path of node names.
+    pub name: String,
+    /// Its points, in the asset's numbering.
+    pub points: Range<usize>,
+    /// Its patches, in the asset's numbering.
+    pub patches: Range<usize>,
+    /// Column-major affine transform of its base geometry.
+    pub world_from_local: [f64; 16],
+    /// Longest edge of its refined mesh, metres.
+    pub edge_length: f32,
+    base: Chunk,
+    mesh: Chunk,
+}
+
+/// A patch of an open asset: 1..=256 points.
+#[derive(Debug)]
+pub struct AssetPatch {
+    /// Its points, in the asset's numbering.
+    pub points: Range<usize>,
+    points_chunk: Chunk,
+    surfaces_chunk: Chunk,
+    visibility_chunk: Chunk,
+}
+
+impl Asset {
+    /// Fetches and proves every chunk that the manifest names.
+    ///
+    /// # Errors
+    /// A digest of the manifest that is not that of its content; a chunk that is missing, corrupt or does not parse; counts that disagree.
+    pub fn open(manifest: AssetManifest, source: &dyn ChunkSource) -> Result<Self, RuntimeError> {
+        let digest = Digest(*blake3::hash(&manifest.content.canonical()).as_bytes());
+        if digest != manifest.asset_digest {
+            let what = format!("its content hashes to {}, the file was edited", digest.short());
+            return Err(RuntimeError::Chunk { kind: "asset", digest: manifest.asset_digest.short(), what });
+        }
+        let content = &manifest.content;
+        let materials: Vec<Material> = parse_json("materials", source, &content.materials)?;
+        let cameras: Vec<SceneCamera> = parse_json("cameras", source, &content.cameras)?;
+        let textures: Vec<Chunk> = content.textures.iter().map(|texture| source.chunk(texture)).collect::<Result<_, _>>()?;
+        for (chunk, descriptor) in textures.iter().zip(&content.textures) {
+            Texture::from_chunk(chunk).map_err(|error| named(error, descriptor))?;
+        }
+        let (mut objects, mut patches, mut wanted) = (Vec::new(), Vec::new(), Vec::new());
+        let mut n_points = 0;
+        for object in &content.objects {
+            let (first_point, first_patch) = (n_points, wanted.len());
+            for patch in &object.patches {
+                wanted.push((patch, n_points..n_points + patch.n_points as usize));
+                n_points += patch.n_points as usize;
+            }
+            let mesh = source.chunk(&object.mesh)?;
+            Mesh::from_chunk(&mesh, object.n_points).map_err(|error| named(error, &object.mesh))?;
+            let base = source.chunk(&object.base)?;
+            base::from_chunk(&base).map_err(|error| named(error, &object.base))?;
+            let (points, patches) = (first_point..n_points, first_patch..wanted.len());
+            let (name, world_from_local, edge_length) = (object.name.clone(), object.world_from_local, object.edge_length);
+            objects.push(AssetObject { name, points, patches, world_from_local, edge_length, base, mesh });
+        }
+        let open = |(patch, points): &(&prelight_manifests::asset::AssetPatch, Range<usize>)| {
+            AssetPatch::open(patch, points.clone(), content.face_resolution as usize, materials.len(), source)
+        };
+        #[cfg(feature = "parallel")]
+        {
+            use rayon::prelude::*;
+            wanted.par_iter().with_min_len(8).map(open).collect_into_vec(&mut patches);
+        }
+        #[cfg(not(feature = "parallel"))]
+        patches.extend(wanted.iter().map(open));
+        let patches = patches.into_iter().collect::<Result<Vec<AssetPatch>, RuntimeError>>()?;
+        let asset = Asset { materials, cameras, textures, objects, patches, manifest };
+        asset.check_references()?;
+        Ok(asset)
+    }
+
+    /// The manifest.
+    pub fn manifest(&self) -> &AssetManifest {
+        &self.manifest
+    }
+
+    /// Materials, as meshes and point surfaces number them.
+    pub fn materials(&self) -> &[Material] {
+        &self.materials
+    }
+
+    /// Cameras of the scene.
+    pub fn cameras(&self) -> &[SceneCamera] {
+        &self.cameras
+    }
+
+    /// Textures, as materials number them.
+    pub fn textures(&self) -> Vec<Texture<'_>> {
+        self.textures.iter().map(|chunk| Texture::from_chunk(chunk).expect(PROVEN)).collect()
+    }
+
+    /// Points of all objects.
+    pub fn n_points(&self) -> usize {
+        self.objects.last().map_or(0, |object| object.points.end)
+    }
+
+    /// Refined triangles of an object.
+    pub fn mesh(&self, object: usize) -> Mesh<'_> {
+        let n_points = self.objects[object].points.len() as u32;
+        Mesh::from_chunk(&self.objects[object].mesh, n_points).expect(PROVEN)
+    }
+
+    /// Geometry of an object as its source gave it, local space.
+    pub fn base(&self, object: usize) -> Vec<BasePrimitive<'_>> {
+        base::from_chunk(&self.objects[object].base).expect(PROVEN)
+    }
+
+    /// Bytes that the chunks take in memory, mapped or not.
+    pub fn resident_bytes(&self) -> u64 {
+        let patches = self.patches.iter().flat_map(|patch| [&patch.points_chunk, &patch.surfaces_chunk, &patch.visibility_chunk]);
+        let chunks = self.objects.iter().map(|object| &object.mesh).chain(&self.textures).chain(patches);
+        chunks.map(|chunk| chunk.len() as u64).sum()
+    }
+
+    /// Indices that cross chunks.
+    fn check_references(&self) -> Result<(), RuntimeError> {
+        let error = |kind, what: String| Err(RuntimeError::Chunk { kind, digest: self.manifest.asset_digest.short(), what });
+        let textures = self.textures.len() as u32;
+        for material in &self.materials {
+            let references =
+                [material.base_color_texture, material.metallic_roughness_texture, material.emissive_texture, material.normal_texture];
+            if references.iter().flatten().any(|reference| reference.texture >= textures || reference.uv_set > 1) {
+                return error("materials", format!("material {:?} names a texture that is not there", material.name));
+            }
+        }
+        for (o, object) in self.objects.iter().enumerate() {
+            let in_base = self.base(o).into_iter().map(|primitive| primitive.material).max().unwrap_or(0);
+            let in_mesh = self.mesh(o).material.iter().copied().max().unwrap_or(0);
+            if in_base.max(in_mesh) as usize >= self.materials.len() && !self.objects[o].points.is_empty() {
+                return error("mesh", format!("object {:?} names a material that is not there", object.name));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Why parsing again cannot fail.
+const PROVEN: &str = "parsed when the asset was opened, and chunks never change";
+
+impl AssetPatch {
+    fn open(
+        patch: &prelight_manifests::asset::AssetPatch,
+        points: Range<usize>,
+        face_resolution: usize,
+        n_materials: usize,
+        source: &dyn ChunkSource,
+    ) -> Result<Self, RuntimeError> {
+        let points_chunk = source.chunk(&patch.points)?;
+        let surfaces_chunk = source.chunk(&patch.surface)?;
+        let visibility_chunk = source.chunk(&patch.visibility)?;
+        let n = points.len();
+        let disagrees = |kind, descriptor: &Descriptor, what: &str| {
+            Err(RuntimeError::Chunk { kind, digest: descriptor.digest.short(), what: what.to_string() })
+        };
+        if Points::from_chunk(&points_chunk).map_err(|error| named(error, &patch.points))?.len() != n {
+            return disagrees("points", &patch.points, "holds another number of points than the manifest says");
+        }
+        let surfaces = PointSurfaces::from_chunk(&surfaces_chunk).map_err(|error| named(error, &patch.surface))?;
+        if surfaces.roughness.len() != n || surfaces.material.iter().any(|material| *material as usize >= n_materials) {
+            return disagrees("surface", &patch.surface, "holds another number of points, or a material that is not there");
+        }
+        let visibility = Visibility::from_chunk(&visibility_chunk).map_err(|error| named(error, &patch.visibility))?;
+        if visibility.len() != n || visibility.face_resolution() != face_resolution {
+            return disagrees("visibility", &patch.visibility, "holds another number of points or of texels than the manifest says");
+        }
+        Ok(AssetPatch { points, points_chunk, surfaces_chunk, visibility_chunk })
+    }
+
+    /// Where its points are.
+    pub fn points(&self) -> Points<'_> {
+        Points::from_chunk(&self.points_chunk).expect(PROVEN)
+    }
+
+    /// Averaged material parameters of its points.
+    pub fn surfaces(&self) -> PointSurfaces<'_> {
+        PointSurfaces::from_chunk(&self.surfaces_chunk).expect(PROVEN)
+    }
+
+    /// What its points see.
+    pub fn visibility(&self) -> Visibility<'_> {
+        Visibility::from_proven_chunk(&self.visibility_chunk)
+    }
+}
+
+fn parse_json<T: serde::de::DeserializeOwned>(
+    kind: &'static str,
+    source: &dyn ChunkSource,
+    descriptor: &Descriptor,
+) -> Result<T, RuntimeError> {
+    let chunk = source.chunk(descriptor)?;
+    let error = |error: serde_json::Error| RuntimeError::Chunk { kind, digest: descriptor.digest.short(), what: error.to_string() };
+    serde_json::from_slice(&chunk).map_err(error)
+}
+
+/// Adds the digest that the parser of a chunk does not know.
+fn named(error: RuntimeError, descriptor: &Descriptor) -> RuntimeError {
+    match error {
+        RuntimeError::Chunk { kind, what, .. } => RuntimeError::Chunk { kind, digest: descriptor.digest.short(), what },
+        other => other,
+    }
+}

@@ -1,0 +1,100 @@
+//! The tree keeps its own rules: pairs of files, crate arrows, homes of `unsafe`, README and CI in step.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const CRATES: [&str; 5] = ["manifests", "store", "runtime", "bake", "tests"];
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
+    let mut entries: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            rust_files(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// Path from the root and text of every source file.
+fn all_sources() -> Vec<(String, String)> {
+    let root = root();
+    let mut files = Vec::new();
+    CRATES.iter().for_each(|part| rust_files(&root.join(part), &mut files));
+    let read = |path: PathBuf| (path.strip_prefix(&root).unwrap().display().to_string(), fs::read_to_string(&path).unwrap());
+    files.into_iter().map(read).collect()
+}
+
+#[test]
+fn every_baked_factor_has_a_reader_of_the_same_name() {
+    let mut pairs = 0;
+    for technique in ["block_product"] {
+        let mut files = Vec::new();
+        rust_files(&root().join("bake/src").join(technique), &mut files);
+        for file in files {
+            let name = file.file_name().unwrap();
+            let twin = root().join("runtime/src").join(technique).join(name);
+            assert!(twin.exists(), "bake/src/{technique}/{name:?} has no twin in runtime");
+            pairs += usize::from(name != "mod.rs");
+        }
+    }
+    assert!(pairs > 0);
+}
+
+#[test]
+fn arrows_between_crates_run_one_way() {
+    for (i, package) in CRATES.iter().enumerate() {
+        let manifest = fs::read_to_string(root().join(package).join("Cargo.toml")).unwrap();
+        for later in &CRATES[i..] {
+            let arrow = format!("prelight-{later} = {{");
+            assert!(!manifest.contains(&arrow), "{package} must not depend on {later}");
+        }
+    }
+}
+
+#[test]
+fn unsafe_code_lives_in_its_homes() {
+    let mark = ["allow(", "unsafe_code)"].concat();
+    for (path, text) in all_sources() {
+        let home = path == "store/src/map.rs" || path.ends_with("simd.rs") || path.contains("/simd/") || path.ends_with("allocations.rs");
+        assert!(home || !text.contains(&mark), "{path} allows unsafe code");
+    }
+}
+
+#[test]
+fn runtime_shows_no_foreign_types_and_the_store_calls_the_system_in_one_place() {
+    for (path, text) in all_sources() {
+        let code = text.split("#[cfg(test)]").next().unwrap();
+        if path.starts_with("runtime/src") {
+            let shown = code.lines().find(|line| line.trim_start().starts_with("pub ") && line.contains("glam::"));
+            assert!(shown.is_none(), "{path}: {shown:?}");
+        }
+        if path.starts_with("store/src") && !["store/src/os.rs", "store/src/map.rs"].contains(&path.as_str()) {
+            assert!(!code.contains("rustix::") && !code.contains("fs::"), "{path} goes around os.rs");
+        }
+    }
+}
+
+#[test]
+fn ci_runs_exactly_the_test_line_of_the_readme() {
+    let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    let ci = fs::read_to_string(root().join(".ci/run")).unwrap();
+    let line = readme.lines().find(|line| line.starts_with("cargo test")).expect("README names a test command").trim();
+    assert!(ci.lines().any(|l| l.trim() == format!("step {line}")), "`{line}` is not a step of .ci/run");
+}
+
+#[test]
+fn no_loose_ends_and_no_paths_of_a_machine() {
+    let loose = [["todo", "!("].concat(), ["unimplemented", "!("].concat(), ["FIX", "ME"].concat(), ["#[ig", "nore"].concat()];
+    let homes = [["/", "root/"].concat(), ["/", "work/"].concat(), ["/", "farm/"].concat(), ["/", "home/"].concat()];
+    for (path, text) in all_sources() {
+        for word in loose.iter().chain(&homes) {
+            assert!(!text.contains(word.as_str()), "{path} contains `{word}`");
+        }
+    }
+}
