@@ -76,30 +76,30 @@ fn writing(c: &mut Criterion) {
     }
 }
 
-/// A store of a million chunks of 32 bytes in 1,000 packs, with a record for each hundred.
+/// A store of a million chunks of 32 bytes in 100 packs, with a record for each hundred.
 fn opening(c: &mut Criterion) {
     let mut group = c.benchmark_group("million_chunks");
     group.sample_size(10);
     let dir = tempfile::tempdir().unwrap();
     let store = Store::open_or_create(dir.path()).unwrap();
     let key = |shard: u64, i: u64| digest_of(format!("{shard} {i}").as_bytes());
-    for shard in 0..1000u64 {
+    for shard in 0..100u64 {
         let mut writer = store.writer();
-        for i in 0..10 {
-            let payloads = (0..100).map(|k| noise((shard * 10 + i) * 100 + k, 32));
+        for i in 0..100 {
+            let payloads = (0..100).map(|k| noise((shard * 100 + i) * 100 + k, 32));
             let chunks = payloads.map(|bytes| writer.put(ChunkKind::Points, Dtype::U8, vec![32], &bytes).unwrap()).collect();
             writer.record(key(shard, i), Record { chunks, data: Vec::new() });
         }
         writer.commit().unwrap();
     }
     let stats = store.stats().unwrap();
-    assert_eq!((stats.packed_chunks, stats.packs, stats.records), (1_000_000, 1000, 10_000));
+    assert_eq!((stats.packed_chunks, stats.packs, stats.records), (1_000_000, 100, 10_000));
     group.bench_function("open", |b| b.iter(|| assert!(Store::open(dir.path()).unwrap().problems().is_empty())));
     let mut i = 0;
     group.bench_function("lookup_100_chunks", |b| {
         b.iter(|| {
             i = (i + 7919) % 10_000;
-            assert_eq!(store.lookup(&key(i / 10, i % 10)).unwrap().unwrap().chunks.len(), 100)
+            assert_eq!(store.lookup(&key(i / 100, i % 100)).unwrap().unwrap().chunks.len(), 100)
         })
     });
 }

@@ -7,6 +7,8 @@ use crate::aligned::AlignedBytes;
 use crate::chunk::digest_of;
 use crate::header::ChunkHeader;
 use prelight_manifests::{Descriptor, Digest};
+#[cfg(feature = "zstd")]
+use std::{cell::RefCell, io, thread::LocalKey};
 
 /// Form of the stored bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,7 +81,32 @@ pub(crate) fn encode(plain: &[u8], digest: Digest, choice: FormChoice) -> (Chunk
 
 #[cfg(feature = "zstd")]
 fn compress(plain: &[u8]) -> Option<Vec<u8>> {
-    zstd::bulk::compress(plain, ZSTD_LEVEL).ok()
+    with_context(&COMPRESSOR, || zstd::bulk::Compressor::new(ZSTD_LEVEL), |compressor| compressor.compress(plain)).ok()
+}
+
+// A context is a megabyte that would be taken and cleared for every chunk, so each thread keeps its own.
+#[cfg(feature = "zstd")]
+thread_local! {
+    static COMPRESSOR: RefCell<Option<zstd::bulk::Compressor<'static>>> = const { RefCell::new(None) };
+    static DECOMPRESSOR: RefCell<Option<zstd::bulk::Decompressor<'static>>> = const { RefCell::new(None) };
+}
+
+/// Runs `use_it` on this thread's context. After a failure the context is thrown away rather than trusted.
+#[cfg(feature = "zstd")]
+fn with_context<C, T>(
+    slot: &'static LocalKey<RefCell<Option<C>>>,
+    new: impl FnOnce() -> io::Result<C>,
+    use_it: impl FnOnce(&mut C) -> io::Result<T>,
+) -> io::Result<T> {
+    slot.with_borrow_mut(|slot| {
+        let mut context = match slot.take() {
+            Some(context) => context,
+            None => new()?,
+        };
+        let result = use_it(&mut context)?;
+        *slot = Some(context);
+        Ok(result)
+    })
 }
 
 #[cfg(not(feature = "zstd"))]
@@ -146,7 +173,9 @@ pub(crate) fn decode_zstd(header: &ChunkHeader, stored: &[u8]) -> Result<Aligned
 
 #[cfg(feature = "zstd")]
 fn decompress(stored: &[u8], plain: &mut [u8]) -> Result<usize, Fault> {
-    zstd::bulk::decompress_to_buffer(stored, plain).map_err(|_| Fault::Corrupt("its zstd frame does not decode to its length"))
+    let decode = |decompressor: &mut zstd::bulk::Decompressor<'static>| decompressor.decompress_to_buffer(stored, plain);
+    with_context(&DECOMPRESSOR, zstd::bulk::Decompressor::new, decode)
+        .map_err(|_| Fault::Corrupt("its zstd frame does not decode to its length"))
 }
 
 #[cfg(all(feature = "ruzstd", not(feature = "zstd")))]

@@ -1,6 +1,6 @@
 //! Roots: which assets are sealed. What a root reaches is never swept.
 //!
-//! `roots/<asset digest>` is four lines of text, byte for byte as [`Root::text`] writes them. The manifest itself is an object of its own.
+//! `roots/<asset digest>` is four lines of text, byte for byte as this module writes them. The manifest itself is an object of its own.
 
 use crate::fault::FaultPoint;
 use crate::{Chunk, ChunkSource, Store, StoreError, digest_of, os};
