@@ -90,9 +90,9 @@ pub(super) struct View {
     pub half: f32,
     /// First column and row of the window.
     pub first: [f32; 2],
-    /// `[64]` direction of the window's columns and rows, exact.
-    pub du: [f32; 64],
-    /// As `du`.
+    /// `[64 + 8]` direction of the window's columns, exact; eight more so that a SIMD load may start at any column.
+    pub du: [f32; 72],
+    /// `[64]` direction of the window's rows, exact.
     pub dv: [f32; 64],
 }
 

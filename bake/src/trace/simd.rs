@@ -5,7 +5,7 @@
 //! scalar's. Triangles of at most 2×2 texels are evaluated eight at once; larger ones row by row.
 
 use super::coverage::{self, Kernel, Scene, Waiting, Window, span};
-use super::predicate::{NEAR, PAD, View};
+use super::predicate::{NEAR, PAD, Rect, View};
 use super::ray::{self, Hit, RayScene};
 use super::tree::{Block, Child, LANES, Node, Tree, child};
 use std::arch::x86_64::*;
@@ -344,13 +344,36 @@ fn close(scene: Scene, index: usize, lane: usize, masked: bool, view: &View, win
     window.close(y, covered);
 }
 
-/// A triangle of more than 2×2 texels: eight texels of a row at a time, only where one is open.
+/// A triangle of more than 2×2 texels, row by row, only where a texel is open.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn cover_rows(scene: Scene, index: usize, lane: usize, masked: bool, view: &View, window: &mut Window, planes: &[[f32; 3]; 3], rect: u32) {
     let rect = coverage::unpack(rect);
+    if rect.x1 - rect.x0 < LANES as u32 {
+        cover_narrow(scene, index, lane, masked, view, window, planes, rect);
+    } else {
+        cover_wide(scene, index, lane, masked, view, window, planes, rect);
+    }
+}
+
+/// At most eight columns: one step a row, the products of columns and slopes once.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn cover_narrow(
+    scene: Scene,
+    index: usize,
+    lane: usize,
+    masked: bool,
+    view: &View,
+    window: &mut Window,
+    planes: &[[f32; 3]; 3],
+    rect: Rect,
+) {
     let columns = span(rect.x0, rect.x1);
-    let slopes = [_mm256_set1_ps(planes[0][1]), _mm256_set1_ps(planes[1][1]), _mm256_set1_ps(planes[2][1])];
+    // SAFETY: x0 is at most 63 and `du` has 72 elements.
+    let du = unsafe { _mm256_loadu_ps(view.du.as_ptr().add(rect.x0 as usize)) };
+    let along = |k: usize| _mm256_mul_ps(du, _mm256_set1_ps(planes[k][1]));
+    let along = [along(0), along(1), along(2)];
     let mut rows = window.any & span(rect.y0, rect.y1);
     while rows != 0 {
         let y = rows.trailing_zeros() as usize;
@@ -360,22 +383,83 @@ fn cover_rows(scene: Scene, index: usize, lane: usize, masked: bool, view: &View
             continue;
         }
         let dv = view.dv[y];
-        let base = |k: usize| _mm256_set1_ps(planes[k][0] + dv * planes[k][2]);
-        let base = [base(0), base(1), base(2)];
-        let mut covered = 0;
-        let mut rest = open;
-        while rest != 0 {
-            let octet = rest.trailing_zeros() as usize & !7;
-            rest &= !(0xff << octet);
-            // SAFETY: octet is at most 56, so eight floats of `du` are readable.
-            let du = unsafe { _mm256_loadu_ps(view.du.as_ptr().add(octet)) };
-            let e = |k: usize| _mm256_add_ps(base[k], _mm256_mul_ps(du, slopes[k]));
-            let inside = _mm256_cmp_ps::<_CMP_GE_OQ>(least3(e(0), e(1), e(2)), _mm256_setzero_ps());
-            covered |= u64::from(_mm256_movemask_ps(inside) as u32) << octet;
-        }
-        covered &= open;
+        let e = |k: usize| _mm256_add_ps(_mm256_set1_ps(planes[k][0] + dv * planes[k][2]), along[k]);
+        let inside = _mm256_cmp_ps::<_CMP_GE_OQ>(least3(e(0), e(1), e(2)), _mm256_setzero_ps());
+        let covered = (u64::from(_mm256_movemask_ps(inside) as u32) << rect.x0) & open;
         if covered != 0 {
             close(scene, index, lane, masked, view, window, y, covered);
+        }
+    }
+}
+
+/// More columns: eight rows at a time are first cut to the columns where an edge function can be positive, then tested.
+///
+/// Edge k crosses zero at column x_k = (1 − base/slope)·half − ½ − first. A texel beyond x_k by more than
+/// m = 1/16 + half·(|c_w| + |c_v| + |c_u|) / |c_u| · 2⁻²⁰ has the sign that the real number has: the four roundings of e and the
+/// six of x_k each stay below 2⁻²⁴ of that sum. A slope of 0 gives infinite margins or NaN, which bound nothing.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn cover_wide(scene: Scene, index: usize, lane: usize, masked: bool, view: &View, window: &mut Window, planes: &[[f32; 3]; 3], rect: Rect) {
+    let bounds = |k: usize| {
+        let [cw, cu, cv] = planes[k];
+        let inverse = 1.0 / cu;
+        let margin = 0.0625 + view.half * ((cw.abs() + cv.abs() + cu.abs()) * inverse.abs()) * 9.536743e-7;
+        let below = if cu > 0.0 { -margin } else { f32::NEG_INFINITY };
+        let above = if cu < 0.0 { margin } else { f32::INFINITY };
+        [cw, cv, inverse * view.half, below, above].map(|value| _mm256_set1_ps(value))
+    };
+    let bounds = [bounds(0), bounds(1), bounds(2)];
+    let start = _mm256_set1_ps(view.half - 0.5 - view.first[0]);
+    let (first, last) = (_mm256_set1_ps(rect.x0 as f32), _mm256_set1_ps(rect.x1 as f32));
+    let slopes = [_mm256_set1_ps(planes[0][1]), _mm256_set1_ps(planes[1][1]), _mm256_set1_ps(planes[2][1])];
+    let mut rows = window.any & span(rect.y0, rect.y1);
+    let (mut from, mut to) = ([0; LANES], [0; LANES]);
+    while rows != 0 {
+        let group = rows.trailing_zeros() as usize & !7;
+        // SAFETY: group is at most 56, so eight floats of `dv` are readable.
+        let dv = unsafe { _mm256_loadu_ps(view.dv.as_ptr().add(group)) };
+        let (mut lo, mut hi) = (first, last);
+        for [cw, cv, inverse, below, above] in bounds {
+            let base = _mm256_add_ps(cw, _mm256_mul_ps(dv, cv));
+            let crossing = _mm256_sub_ps(start, _mm256_mul_ps(base, inverse));
+            // The first operand is dropped when it is NaN.
+            lo = _mm256_max_ps(_mm256_add_ps(crossing, below), lo);
+            hi = _mm256_min_ps(_mm256_add_ps(crossing, above), hi);
+        }
+        let (lo, hi) = (_mm256_ceil_ps(lo), _mm256_floor_ps(hi));
+        let some = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(lo, hi)) as u32;
+        let mut live = (rows >> group) as u32 & 0xff & some;
+        rows &= !(0xff << group);
+        if live == 0 {
+            continue;
+        }
+        store_u32(&mut from, _mm256_cvttps_epi32(lo));
+        store_u32(&mut to, _mm256_cvttps_epi32(hi));
+        while live != 0 {
+            let row = live.trailing_zeros() as usize;
+            live &= live - 1;
+            let y = group + row;
+            let mut rest = window.rows[y] & span(from[row], to[row]);
+            if rest == 0 {
+                continue;
+            }
+            let dv = view.dv[y];
+            let base = |k: usize| _mm256_set1_ps(planes[k][0] + dv * planes[k][2]);
+            let base = [base(0), base(1), base(2)];
+            let mut covered = 0;
+            while rest != 0 {
+                let at = rest.trailing_zeros();
+                // SAFETY: `at` is at most 63 and `du` has 72 elements.
+                let du = unsafe { _mm256_loadu_ps(view.du.as_ptr().add(at as usize)) };
+                let e = |k: usize| _mm256_add_ps(base[k], _mm256_mul_ps(du, slopes[k]));
+                let inside = _mm256_cmp_ps::<_CMP_GE_OQ>(least3(e(0), e(1), e(2)), _mm256_setzero_ps());
+                let eight = 0xff << at;
+                covered |= u64::from(_mm256_movemask_ps(inside) as u32) << at & rest;
+                rest &= !eight;
+            }
+            if covered != 0 {
+                close(scene, index, lane, masked, view, window, y, covered);
+            }
         }
     }
 }
