@@ -22,6 +22,8 @@ pub const FRAMING_FOV_Y_DEG: f32 = 35.0;
 const FILL: f64 = 0.93;
 /// The same when the ground goes on beyond what is shown.
 const FILL_ON_GROUND: f64 = 0.72;
+/// Weight of filling the frame against telling much.
+const FILL_EXPONENT: f64 = 0.15;
 /// Rows of the small pictures.
 const ROWS: usize = 54;
 /// Cells of the lattice along a side.
@@ -75,33 +77,31 @@ impl Subject {
         let everything = bounds(meshes, |_| true)?;
         let extent = |b: [[f64; 3]; 2]| sub(b[1], b[0]);
         let whole = extent(everything);
-        // The ground: flat, facing up or down, in the lowest part.
-        let level = everything[0][1] + 0.02 * whole[0].max(whole[1]).max(whole[2]);
-        let ground = |corners: &[[f64; 3]; 3]| {
-            let low = corners.iter().all(|p| p[1] <= level);
-            let (u, v) = (sub(corners[1], corners[0]), sub(corners[2], corners[0]));
-            let n = super::camera::cross(u, v);
-            low && n[1].abs() > 0.9 * dot(n, n).sqrt()
-        };
+        // The ground: what stays in the lowest part, a slab's rim too.
+        let level = everything[0][1] + 0.03 * whole[1];
+        let ground = |corners: &[[f64; 3]; 3]| corners.iter().all(|p| p[1] <= level);
         let standing = bounds(meshes, |corners| !ground(corners));
         let (shown, fill, on_ground) = match standing {
             // Far: what stands covers less than a third of the ground along its longer side.
             Some(b) if extent(b)[0].max(extent(b)[2]) * 3.0 < whole[0].max(whole[2]) => (b, FILL_ON_GROUND, true),
             _ => (everything, FILL, false),
         };
-        let inside = |p: [f64; 3]| (0..3).all(|k| p[k] >= shown[0][k] && p[k] <= shown[1][k]);
         let mut hull: Vec<[f32; 3]> = Vec::new();
         for mesh in meshes {
-            let used = mesh.triangles.iter().filter(|t| !on_ground || !ground(&t.map(|v| mesh.position[v as usize].map(f64::from))));
-            let vertices = used.flatten().map(|v| mesh.position[*v as usize]);
-            hull.extend(vertices.filter(|p| inside(p.map(f64::from))));
+            let mut used = vec![false; mesh.position.len()];
+            for triangle in mesh.triangles {
+                let corners = triangle.map(|v| mesh.position[v as usize].map(f64::from));
+                if corners.iter().flatten().all(|v| v.is_finite()) && !(on_ground && ground(&corners)) {
+                    triangle.iter().for_each(|v| used[*v as usize] = true);
+                }
+            }
+            hull.extend(mesh.position.iter().zip(used).filter(|(_, used)| *used).map(|(p, _)| *p));
         }
-        let hull = extremes(&hull);
         let size = extent(shown).iter().fold(0.0f64, |m, v| m.max(*v)).max(f64::MIN_POSITIVE);
         Some(Subject { hull, low: shown[0], size, fill })
     }
 
-    /// −Σ p ln p over the parts of the scene that the pixels show; what is not scene is one part more.
+    /// −Σ p ln p over the parts of the scene that the pixels show, times a power of the share of the frame that they fill.
     fn entropy(&self, meshes: &[Mesh], seen: &Visibility) -> f64 {
         let mut parts: BTreeMap<[i32; 4], u32> = BTreeMap::new();
         let mut total = 0;
@@ -118,12 +118,13 @@ impl Subject {
                 total += 1;
             }
         }
-        let pixels = (seen.width * seen.height) as f64;
         let term = |count: u32| {
-            let p = f64::from(count) / pixels;
-            if p > 0.0 { -p * libm::log(p) } else { 0.0 }
+            let p = f64::from(count) / f64::from(total);
+            -p * libm::log(p)
         };
-        parts.values().map(|count| term(*count)).sum::<f64>() + term((seen.width * seen.height) as u32 - total)
+        // What fills the frame is seen better, but a turned view may leave corners free.
+        let filled = f64::from(total) / (seen.width * seen.height) as f64;
+        parts.values().map(|count| term(*count)).sum::<f64>() * libm::pow(filled, FILL_EXPONENT)
     }
 }
 
@@ -141,33 +142,6 @@ fn bounds(meshes: &[Mesh], keep: impl Fn(&[[f64; 3]; 3]) -> bool) -> Option<[[f6
         }
     }
     (b[0][0] <= b[1][0]).then_some(b)
-}
-
-/// The farthest points along a fixed set of directions: enough to frame with, few enough to fit often.
-fn extremes(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
-    // A lattice on the cube of directions: 6 · 17² of them, at most a fifteenth of a radian apart.
-    let steps: Vec<f32> = (-8..=8).map(|i| i as f32 / 8.0).collect();
-    let mut directions = Vec::new();
-    for axis in 0..3 {
-        for sign in [-1.0, 1.0] {
-            for u in &steps {
-                for v in &steps {
-                    let mut d = [0.0; 3];
-                    (d[axis], d[(axis + 1) % 3], d[(axis + 2) % 3]) = (sign, *u, *v);
-                    directions.push(d);
-                }
-            }
-        }
-    }
-    let farthest = map_indices(directions.len(), |i| {
-        let d = directions[i];
-        let reach = |p: &[f32; 3]| p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
-        points.iter().copied().reduce(|best, p| if reach(&p) > reach(&best) { p } else { best })
-    });
-    let mut farthest: Vec<[f32; 3]> = farthest.into_iter().flatten().collect();
-    farthest.sort_by(|a, b| a.iter().zip(b).map(|(x, y)| x.total_cmp(y)).find(|o| o.is_ne()).unwrap_or(std::cmp::Ordering::Equal));
-    farthest.dedup();
-    farthest
 }
 
 /// The nearest view from a direction that holds all points: azimuth from +Z toward +X, elevation up, degrees.

@@ -13,6 +13,8 @@ mod threads;
 pub mod tonemap;
 
 #[cfg(test)]
+mod framing_tests;
+#[cfg(test)]
 mod raster_tests;
 #[cfg(test)]
 mod shade_tests;
