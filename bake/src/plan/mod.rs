@@ -1,8 +1,8 @@
 //! Planning: from the base mesh to points, patches and ray origins. Pure functions of (object, parameters), no I/O.
 //!
 //! [`weld`] makes the base mesh of an object, [`crate::refine`] splits its edges, [`points::plan_object`] puts the points into
-//! patches ([`patch`]) with their areas, normals and ray origins ([`origin`]); [`surface`] averages
-//! materials over footprints and [`buried`] finds points that must not be interpolated from. Nothing here reads another object, so an edit elsewhere changes
+//! patches ([`patch`]) with their areas, normals and ray origins ([`origin`]); [`surface`] averages materials over footprints and
+//! [`buried`] finds points that must not be interpolated from. Nothing here reads another object, so an edit elsewhere changes
 //! neither points nor names, and objects can be planned on any number of threads.
 
 mod attributes;
@@ -23,6 +23,8 @@ pub use points::{ObjectMesh, ObjectPlan, plan_object};
 
 #[cfg(test)]
 mod occlusion_tests;
+#[cfg(test)]
+mod shared_scenes;
 #[cfg(test)]
 pub(crate) mod test_scenes;
 #[cfg(test)]

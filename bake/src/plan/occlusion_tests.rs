@@ -2,7 +2,7 @@
 
 use super::origin::surface_origin;
 use super::test_scenes::*;
-use super::weld::wide;
+use super::weld::{narrow, wide};
 use crate::scene::{Primitive, Scene};
 use glam::DVec3;
 use prelight_runtime::asset::points::BACK_SIDE;
@@ -69,11 +69,20 @@ fn origins_at_the_corners_of_a_room_stand_inside_it() {
 #[test]
 fn a_coarse_smooth_sphere_is_open_all_over_and_dark_inside() {
     for length in [3.0, 0.2] {
-        let (world, plans) = plan(&only(sphere([5.0, 1.0, 2.0], 1.0, 12, 8, false)), &params(length));
+        let (world, mut plans) = plan(&only(sphere([5.0, 1.0, 2.0], 1.0, 12, 8, false)), &params(length));
         let texels = directions(16);
         for i in 0..plans[0].n_points() {
             let share = open_share(&world, &plans[0], i, &texels);
             assert_eq!(share, 1.0, "a dark facet at {:?}", plans[0].position[i]);
+        }
+        // Not so from the facets themselves: without the lift there would be something to see.
+        if length < 1.0 {
+            let flat = &mut plans[0];
+            for i in 0..flat.n_points() {
+                flat.origin[i] = narrow(wide(flat.position[i]) + wide(flat.geometric_normal[i]) * 1e-5);
+            }
+            let dark = (0..flat.n_points()).filter(|&i| open_share(&world, flat, i, &texels) < 1.0).count();
+            assert!(dark > 100, "{dark} dark points without the lift");
         }
         let (share, _) = most_open(&only(sphere([5.0, 1.0, 2.0], 1.0, 12, 8, true)), length);
         assert_eq!(share, 0.0, "the same sphere from within");

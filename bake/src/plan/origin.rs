@@ -8,7 +8,7 @@
 //! ```
 //!
 //! t is (centroid − p) without its part against n_g (a convex surface's centroid lies below it): a point on the border of a floor moves
-//! onto its own side of the wall that stands there, and a closed box is closed seen from each of its corners. `lift` is [Hanika 2021], "Hacking the shadow
+//! onto its own side of the wall that stands there, and a closed box is closed seen from each of its corners. `lift` is Hanika 2021, "Hacking the shadow
 //! terminator": p projected onto the tangent plane of each corner, weighted barycentrically, here only outwards along n_g and at most an
 //! eighth of the mean edge, so that coarse smooth spheres show no dark facets and a box with smooth normals does not sprout.
 //!

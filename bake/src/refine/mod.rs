@@ -3,9 +3,9 @@
 //! Every edge is split at its midpoint or kept, by a function that is symmetric in its ends ([`edge::EdgeRule`]), and the halves in
 //! turn. Neighbours share their edges and therefore agree: no T-vertex can arise. An edge that two surfaces of an object meet at (a
 //! hard edge, a material border) is split if either asks for it. How a triangle with split edges is cut depends on itself alone
-//! ([`cells`]); long slivers are cut along their length only. The surface itself does not change.
+//! (`cells`); long slivers are cut along their length only. The surface itself does not change.
 //!
-//! [`split`] refines an object, [`differing`] goes on round by round where light leaks ([`round`]), [`count`] counts without building.
+//! [`split`] refines an object, [`differing`] goes on round by round where light leaks (`round`), [`count`] counts without building.
 
 mod cells;
 pub mod count;
