@@ -137,23 +137,27 @@ fn init_writes_a_scene_that_reads_and_never_overwrites_unasked() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str| std::fs::write(folder.path().join(name), minimal_gltf()).unwrap();
     write("room one.gltf");
-    let dry = run(folder.path(), &["init", "room one.gltf", "--dry-run"]);
+    let dry = run(folder.path(), &["init", "room one.gltf", "--points", "1000", "--dry-run"]);
     assert_eq!(dry.status.code(), Some(0), "{}", stderr(&dry));
     assert!(!folder.path().join("scene.toml").exists(), "--dry-run wrote");
     assert!(stdout(&dry).contains("gltf = \"room one.gltf\""));
 
-    let output = run(folder.path(), &["init", "room one.gltf"]);
+    let output = run(folder.path(), &["init", "room one.gltf", "--points", "1000"]);
     assert_eq!((output.status.code(), stdout(&output).as_str()), (Some(0), "scene.toml\n"), "{}", stderr(&output));
     let text = std::fs::read_to_string(folder.path().join("scene.toml")).unwrap();
     assert_eq!(text, stdout(&dry), "--dry-run shows what is written");
-    assert_eq!(prelight_manifests::SceneManifest::parse("scene.toml", &text).unwrap().gltf(), "room one.gltf");
+    let manifest = prelight_manifests::SceneManifest::parse("scene.toml", &text).unwrap();
+    assert_eq!(manifest.gltf(), "room one.gltf");
+    // A right triangle with legs of 1 m: 1000 points lie √(0.5 m² · 2/√3 / 1000) = 24 mm apart; halving is a factor of 2 coarse.
+    let pinned = manifest.bake.edge_length.expect("the edge length is pinned");
+    assert!((0.012..0.048).contains(&pinned), "{pinned}");
 
     write("other.gltf");
     let again = run(folder.path(), &["init", "other.gltf"]);
     assert_eq!(again.status.code(), Some(1));
     assert!(stderr(&again).contains("--force"), "{}", stderr(&again));
     assert_eq!(std::fs::read_to_string(folder.path().join("scene.toml")).unwrap(), text, "must stay");
-    let forced = run(folder.path(), &["init", "other.gltf", "--force", "--json"]);
+    let forced = run(folder.path(), &["init", "other.gltf", "--points", "1000", "--force", "--json"]);
     assert_eq!(summary(&forced)["gltf"], "other.gltf");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3, "no temporary file may stay");
     assert_eq!(run(folder.path(), &["init", "scene.toml", "-o", "b.toml"]).status.code(), Some(3));
@@ -260,7 +264,7 @@ fn check_reads_everything_and_counts_warnings() {
     assert_eq!(missing.status.code(), Some(3));
     assert!(stderr(&missing).contains("a.hdr"), "{}", stderr(&missing));
     write("a.hdr", "P6 1 1 255");
-    assert!(stderr(&run(folder.path(), &["check"])).contains("help: an environment is"));
+    assert!(stderr(&run(folder.path(), &["check"])).contains("help: an environment is"), "a text is no light");
 }
 
 #[test]

@@ -22,7 +22,7 @@ pub struct BakeKnobs {
     /// Budget of points, turned into an edge length once
     #[arg(long, value_name = "N", conflicts_with = "edge_length", value_parser = clap::value_parser!(u64).range(16..))]
     pub points: Option<u64>,
-    /// Longest edge of the refined mesh, metres
+    /// Edge length of the refined mesh aimed at, metres
     #[arg(long, value_name = "M", value_parser = positive)]
     pub edge_length: Option<f32>,
 }

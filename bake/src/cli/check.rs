@@ -1,6 +1,7 @@
 //! `prelight check`: reads every input and says what will not work.
 
 use super::args::SceneArgs;
+use super::read::read_environment;
 use super::reporter::count;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
@@ -35,7 +36,7 @@ pub fn run(args: CheckArgs, context: &Context) -> Result<Summary, Failure> {
     let mut warnings = scene.warnings.clone();
     for entry in &input.manifest.environment {
         progress::check(context.progress())?;
-        warnings.extend(super::read::check_environment(&input.environment_path(entry), memory)?);
+        warnings.extend(read_environment(&input.environment_path(entry), memory)?.1);
         stage.advance(1);
     }
     drop(stage);

@@ -1,6 +1,7 @@
 //! Exit codes, and which error has which.
 
 use prelight_bake::BakeError;
+use prelight_bake::plan::PlanError;
 use prelight_bake::scene::SceneError;
 use prelight_manifests::ManifestError;
 use prelight_runtime::error::RuntimeError;
@@ -110,7 +111,7 @@ fn code_of(error: &anyhow::Error) -> ExitCode {
 fn code_of_cause(cause: &(dyn std::error::Error + 'static)) -> Option<ExitCode> {
     if let Some(error) = cause.downcast_ref::<BakeError>() {
         return Some(match error {
-            BakeError::Manifest(_) | BakeError::Input { .. } | BakeError::Unsupported { .. } => ExitCode::Input,
+            BakeError::Plan(_) | BakeError::Manifest(_) | BakeError::Input { .. } | BakeError::Unsupported { .. } => ExitCode::Input,
             BakeError::Scene(error) => of_scene(error),
             BakeError::Runtime(error) => of_runtime(error),
             BakeError::Store(error) => of_store(error),
@@ -129,7 +130,7 @@ fn code_of_cause(cause: &(dyn std::error::Error + 'static)) -> Option<ExitCode> 
     if let Some(error) = cause.downcast_ref::<StoreError>() {
         return Some(of_store(error));
     }
-    if cause.is::<ManifestError>() {
+    if cause.is::<ManifestError>() || cause.is::<PlanError>() {
         return Some(ExitCode::Input);
     }
     cause.downcast_ref::<std::io::Error>().map(of_io)

@@ -1,11 +1,18 @@
 //! `prelight init`: a commented scene.toml for a glTF file.
 
 use super::output::write_atomically;
+use super::reporter::group;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_bake::BakeError;
 use prelight_bake::Progress;
+use prelight_bake::plan::PointParams;
+use prelight_bake::progress::Stage;
+use prelight_bake::refine::edge_length_for_points;
+use prelight_bake::scene::Scene;
 use prelight_bake::scene::input::SceneInput;
+use prelight_bake::scene::world::World;
+use prelight_manifests::Quality;
 use prelight_manifests::scene::template::Template;
 use std::path::{Component, Path, PathBuf};
 
@@ -18,6 +25,9 @@ pub struct InitArgs {
     /// Where to write it
     #[arg(short, long, value_name = "FILE", default_value = "scene.toml")]
     pub output: PathBuf,
+    /// Budget of points that the pinned edge length is made for
+    #[arg(long, value_name = "N", default_value_t = Quality::Medium.knobs().points, value_parser = clap::value_parser!(u64).range(16..))]
+    pub points: u64,
     /// Replace a file that is there
     #[arg(long)]
     pub force: bool,
@@ -34,7 +44,7 @@ pub fn run(args: InitArgs, context: &Context) -> Result<Summary, Failure> {
         let text = format!("{} does not end in .toml, so no command would read it\n  help: -o scene.toml", args.output.display());
         return Err(Failure::text(ExitCode::Usage, text));
     }
-    if args.output.symlink_metadata().is_ok() && !args.force {
+    if args.output.symlink_metadata().is_ok() && !args.force && !context.dry_run {
         let text = format!("{} exists\n  help: --force replaces it, -o FILE writes another", args.output.display());
         return Err(Failure::text(ExitCode::Failed, text));
     }
@@ -43,17 +53,33 @@ pub fn run(args: InitArgs, context: &Context) -> Result<Summary, Failure> {
     for warning in &scene.warnings {
         context.reporter.warning(warning);
     }
+    let edge_length = edge_length(&scene, args.points, context)?;
     let materials = scene.materials.iter().map(|material| material.name.clone()).filter(|name| !name.is_empty()).collect();
     let objects = scene.objects.iter().map(|object| object.name.clone()).collect();
-    let template = Template { gltf, materials, objects, ..Template::default() };
+    let template = Template {
+        gltf,
+        edge_length: Some(edge_length),
+        edge_length_reason: format!("at most about {} points", group(args.points)),
+        materials,
+        objects,
+    };
     let text = template.text();
     if !context.dry_run {
         write_atomically(&args.output, |out| out.write_all(text.as_bytes()))?;
     }
     let mut summary = Summary::new();
-    summary.set("scene", args.output.display().to_string()).set("gltf", template.gltf);
+    summary.set("scene", args.output.display().to_string()).set("gltf", template.gltf).set("edge_length", edge_length);
     summary.set_text(if context.dry_run { text } else { format!("{}\n", args.output.display()) });
     Ok(summary)
+}
+
+/// Metres for a budget of points, three digits. Pinned in the file, so that an edit of one object never moves the points of others.
+fn edge_length(scene: &Scene, points: u64, context: &Context) -> Result<f64, BakeError> {
+    let _stage = Stage::begin(context.progress(), "measure", None, "objects");
+    let params = PointParams::new(&Quality::Medium.knobs(), 0.05);
+    let metres = edge_length_for_points(scene, &World::build(scene), &params, points)?;
+    // Through its shortest decimal: 0.05 in f32 is not 0.05 in f64.
+    Ok(metres.to_string().parse().unwrap_or(f64::from(metres)))
 }
 
 /// How a manifest at `manifest` names `file`: a path relative to the manifest's folder, with `/` between its steps.

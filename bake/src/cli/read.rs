@@ -2,6 +2,7 @@
 
 use prelight_bake::BakeError;
 use prelight_manifests::{AssetManifest, ByteSize};
+use prelight_runtime::environment::{Environment, Limits};
 use std::io::Read;
 use std::path::Path;
 
@@ -35,16 +36,14 @@ pub fn parse_asset(path: &Path, bytes: &[u8]) -> Result<AssetManifest, BakeError
     Ok(AssetManifest::parse(&name, text)?)
 }
 
-/// Looks whether an environment image is there and of a kind that can be read; what a person should know about it comes back.
-pub fn check_environment(path: &Path, limit: ByteSize) -> Result<Vec<String>, BakeError> {
+/// Reads and decodes an environment image, and keeps the file's name in front of what a person should know about it.
+pub fn read_environment(path: &Path, limit: ByteSize) -> Result<(Environment, Vec<String>), BakeError> {
+    let name = path.display().to_string();
     let bytes = read(path, limit)?;
-    if !bytes.starts_with(b"#?") && !bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
-        return Err(BakeError::Unsupported {
-            what: format!("{} is neither a Radiance .hdr nor an OpenEXR image", path.display()),
-            help: "an environment is a lat-long image in one of these formats".to_string(),
-        });
-    }
-    Ok(Vec::new())
+    let limits = Limits { max_bytes: limit.0.saturating_sub(bytes.len() as u64) };
+    let (environment, report) = Environment::decode(&name, &bytes, &limits)?;
+    let warnings = report.warnings().into_iter().map(|warning| format!("{name}: {warning}")).collect();
+    Ok((environment, warnings))
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ const DEFAULT_CUTOFF: f32 = 0.5;
 /// What holds for one object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObjectKnobs {
-    /// Longest edge, metres; `None` where neither `[bake]` nor a rule sets one.
+    /// Edge length aimed at, metres; `None` where neither `[bake]` nor a rule sets one.
     pub edge_length: Option<f64>,
     /// How transport is represented; never `Auto`.
     pub technique: Technique,

@@ -58,7 +58,7 @@ pub struct BakeSection {
     /// Preset of all knobs.
     #[serde(default)]
     pub quality: Quality,
-    /// Longest edge of the refined mesh, metres. `prelight plan --points N` prints one for a budget of points.
+    /// Edge length of the refined mesh aimed at, metres. `prelight plan --points N` prints one for a budget of points.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub edge_length: Option<f64>,
@@ -195,7 +195,7 @@ pub struct ObjectRule {
     /// How its transport is represented.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub technique: Option<Technique>,
-    /// Longest edge of its refined mesh, metres.
+    /// Edge length of its refined mesh aimed at, metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub edge_length: Option<f64>,
