@@ -7,8 +7,8 @@ use clap::Args;
 use prelight_bake::BakeError;
 use prelight_bake::Progress;
 use prelight_bake::plan::PointParams;
+use prelight_bake::plan::density::{Density, density};
 use prelight_bake::progress::Stage;
-use prelight_bake::refine::edge_length_for_points;
 use prelight_bake::scene::Scene;
 use prelight_bake::scene::input::SceneInput;
 use prelight_bake::scene::world::World;
@@ -25,9 +25,9 @@ pub struct InitArgs {
     /// Where to write it
     #[arg(short, long, value_name = "FILE", default_value = "scene.toml")]
     pub output: PathBuf,
-    /// Budget of points that the pinned edge length is made for
-    #[arg(long, value_name = "N", default_value_t = Quality::Medium.knobs().points, value_parser = clap::value_parser!(u64).range(16..))]
-    pub points: u64,
+    /// Budget of points that the pinned edge length is made for, default 200000, or twice those of a denser mesh
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(16..))]
+    pub points: Option<u64>,
     /// Replace a file that is there
     #[arg(long)]
     pub force: bool,
@@ -53,13 +53,14 @@ pub fn run(args: InitArgs, context: &Context) -> Result<Summary, Failure> {
     for warning in &scene.warnings {
         context.reporter.warning(warning);
     }
-    let edge_length = edge_length(&scene, args.points, context)?;
+    let density = measure(&scene, args.points, context)?;
+    let edge_length = shortest_decimal(density.edge_length);
     let materials = scene.materials.iter().map(|material| material.name.clone()).filter(|name| !name.is_empty()).collect();
     let objects = scene.objects.iter().map(|object| object.name.clone()).collect();
     let template = Template {
         gltf,
         edge_length: Some(edge_length),
-        edge_length_reason: format!("at most about {} points", group(args.points)),
+        edge_length_reason: format!("about {} points", group(density.points)),
         materials,
         objects,
     };
@@ -68,18 +69,26 @@ pub fn run(args: InitArgs, context: &Context) -> Result<Summary, Failure> {
         write_atomically(&args.output, |out| out.write_all(text.as_bytes()))?;
     }
     let mut summary = Summary::new();
-    summary.set("scene", args.output.display().to_string()).set("gltf", template.gltf).set("edge_length", edge_length);
+    summary
+        .set("scene", args.output.display().to_string())
+        .set("gltf", template.gltf)
+        .set("edge_length", edge_length)
+        .set("points", density.points);
     summary.set_text(if context.dry_run { text } else { format!("{}\n", args.output.display()) });
     Ok(summary)
 }
 
-/// Metres for a budget of points, three digits. Pinned in the file, so that an edit of one object never moves the points of others.
-fn edge_length(scene: &Scene, points: u64, context: &Context) -> Result<f64, BakeError> {
+/// The edge length to pin: in the file, so that an edit of one object never moves the points of others.
+fn measure(scene: &Scene, points: Option<u64>, context: &Context) -> Result<Density, BakeError> {
     let _stage = Stage::begin(context.progress(), "measure", None, "objects");
-    let params = PointParams::new(&Quality::Medium.knobs(), 0.05);
-    let metres = edge_length_for_points(scene, &World::build(scene), &params, points)?;
-    // Through its shortest decimal: 0.05 in f32 is not 0.05 in f64.
-    Ok(metres.to_string().parse().unwrap_or(f64::from(metres)))
+    let knobs = Quality::Medium.knobs();
+    let params = PointParams::new(&knobs, 1.0);
+    Ok(density(scene, &World::build(scene), &params, points, knobs.points)?)
+}
+
+/// 0.05 for the f32 next to it.
+fn shortest_decimal(number: f32) -> f64 {
+    number.to_string().parse().unwrap_or(f64::from(number))
 }
 
 /// How a manifest at `manifest` names `file`: a path relative to the manifest's folder, with `/` between its steps.
@@ -110,6 +119,13 @@ fn relative_path(file: &Path, manifest: &Path) -> Result<String, BakeError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn edge_lengths_are_written_as_they_were_rounded() {
+        for (number, text) in [(0.05f32, "0.05"), (9.18, "9.18"), (0.000897, "0.000897")] {
+            assert_eq!(format!("{:?}", shortest_decimal(number)), text);
+        }
+    }
 
     #[test]
     fn paths_lead_from_the_manifest_to_the_file() {

@@ -7,6 +7,7 @@
 
 mod attributes;
 pub mod buried;
+pub mod density;
 mod draft;
 pub mod estimate;
 pub mod key;
