@@ -14,9 +14,6 @@ pub enum BakeError {
     /// The glTF file is not usable. Boxed: it is the largest by far.
     #[error(transparent)]
     Scene(Box<SceneError>),
-    /// Points cannot be put on the scene as asked.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
     /// The scene manifest or the asset manifest is not usable.
     #[error(transparent)]
     Manifest(#[from] ManifestError),

@@ -3,18 +3,13 @@
 use crate::bake::BakeOptions;
 use crate::error::BakeError;
 use crate::plan::PointParams;
-use crate::refine::count::edge_length_for_points;
+use crate::plan::density::density;
 use crate::scene::Scene;
 use crate::scene::overrides::ObjectKnobs;
 use crate::scene::world::World;
 use crate::trace::TreeQuality;
 use prelight_manifests::SceneManifest;
-use prelight_manifests::quality::{BvhBuild, Knobs};
-
-/// Levels of splitting below a base edge at most.
-const MAX_LEVEL: u32 = 12;
-/// Refined triangles of one object at most.
-const MAX_TRIANGLES: u32 = 1 << 26;
+use prelight_manifests::quality::BvhBuild;
 
 /// Everything resolved.
 #[derive(Clone, Debug)]
@@ -45,8 +40,8 @@ impl Settings {
         let edge_length = match pinned {
             Some(length) => length,
             None => {
-                let start = params(&knobs, 1.0);
-                edge_length_for_points(scene, world, &start, points.unwrap_or(knobs.points))?
+                let start = PointParams::new(&knobs, 1.0);
+                density(scene, world, &start, points, knobs.points)?.edge_length
             }
         };
         let own = |object: &ObjectKnobs| {
@@ -54,7 +49,7 @@ impl Settings {
                 Some(length) if points.is_none() || Some(length) != manifest.bake.edge_length => length as f32,
                 _ => edge_length,
             };
-            params(&object.knobs, length)
+            PointParams::new(&object.knobs, length)
         };
         let tree = match knobs.bvh {
             BvhBuild::Fast => TreeQuality::Fast,
@@ -69,18 +64,5 @@ impl Settings {
             shuffle_shards: None,
         };
         Ok(Settings { options, edge_length, derived: pinned.is_none() })
-    }
-}
-
-/// Point parameters of a set of knobs at an edge length.
-fn params(knobs: &Knobs, edge_length: f32) -> PointParams {
-    let shortest = f64::from(edge_length) * knobs.area_floor;
-    PointParams {
-        edge_length,
-        normal_angle_deg: knobs.normal_angle_deg as f32,
-        // √3/4·l², the area of an equilateral triangle with the shortest edge.
-        area_floor: (0.433_012_701_892_219_3 * shortest * shortest) as f32,
-        max_level: MAX_LEVEL,
-        max_triangles: MAX_TRIANGLES,
     }
 }
