@@ -158,6 +158,10 @@ impl AssetManifest {
                 let field = format!("content.objects[{i}].name");
                 return Err(range(field, format!("{:?}", object.name), "a name that no object before it has"));
             }
+            if object.edge_length <= 0.0 {
+                let field = format!("content.objects[{i}].edge_length");
+                return Err(range(field, object.edge_length.to_string(), "a length above 0"));
+            }
             kind(format!("content.objects[{i}].base"), &object.base, ChunkKind::Base)?;
             kind(format!("content.objects[{i}].mesh"), &object.mesh, ChunkKind::Mesh)?;
             if !crate::Technique::BUILT_IN.contains(&object.technique.as_str()) {

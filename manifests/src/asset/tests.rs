@@ -76,7 +76,7 @@ fn canonical_form_holds_the_content_and_only_that() {
 fn descriptors_name_every_chunk_in_a_fixed_order() {
     let manifest = manifest();
     let seeds: Vec<u8> = manifest.content.descriptors().map(|descriptor| descriptor.digest.0[0]).collect();
-    let objects = [10u8, 30].into_iter().flat_map(|mesh| mesh..mesh + 7);
+    let objects = [10u8, 30].into_iter().flat_map(|mesh| std::iter::once(mesh + 8).chain(mesh..mesh + 7));
     assert_eq!(seeds, [1, 3, 4, 2].into_iter().chain(objects).collect::<Vec<u8>>());
     // Every digest of the text is one of them, but for the asset's own.
     let text = serde_json::to_string(&manifest.content).unwrap();
@@ -85,7 +85,7 @@ fn descriptors_name_every_chunk_in_a_fixed_order() {
 
 #[test]
 fn wrong_content_is_refused_with_the_field_that_is_wrong() {
-    let cases: [(&str, Value, &str); 11] = [
+    let cases: [(&str, Value, &str); 13] = [
         ("/content/face_resolution", json!(65), "content.face_resolution = 65, expected 64 or 128"),
         ("/content/objects/1/name", json!("root/Sofa"), "content.objects[1].name"),
         ("/content/objects/0/n_points", json!(301), "content.objects[0].n_points = 301, expected 300"),
@@ -96,6 +96,8 @@ fn wrong_content_is_refused_with_the_field_that_is_wrong() {
         ("/content/objects/0/mesh/kind", json!("points"), "content.objects[0].mesh.kind = points, expected mesh"),
         ("/content/objects/1/patches/0/visibility/kind", json!("image"), "content.objects[1].patches[0].visibility.kind = image"),
         ("/content/textures/0/kind", json!("mesh"), "content.textures[0].kind = mesh, expected texture"),
+        ("/content/objects/0/base/kind", json!("mesh"), "content.objects[0].base.kind = mesh, expected base"),
+        ("/content/objects/1/edge_length", json!(0.0), "content.objects[1].edge_length = 0, expected a length above 0"),
         ("/format", json!(2), "format 2"),
     ];
     for (pointer, value, words) in cases {
