@@ -6,6 +6,7 @@ pub mod engine;
 pub mod error;
 pub mod plan;
 pub mod progress;
+pub mod reference;
 pub mod refine;
 pub mod scene;
 pub mod seal;
