@@ -255,6 +255,8 @@ fn check_reads_everything_and_counts_warnings() {
     assert!(stdout(&output).contains("1 warning"), "{}", stdout(&output));
     assert!(stderr(&output).contains("warning: object[0].match = \"Shet\" matches no object"), "{}", stderr(&output));
     assert_eq!(stderr(&run(folder.path(), &["check", "-q"])), "");
+    let verbose = stderr(&run(folder.path(), &["check", "-v"]));
+    assert!(verbose.contains("\nread: 0.") && verbose.contains("peak memory: "), "{verbose}");
     let denied = run(folder.path(), &["check", "--deny", "warnings", "--json"]);
     assert_eq!(denied.status.code(), Some(4));
     assert_eq!(summary(&denied)["warnings"].as_array().unwrap().len(), 1);

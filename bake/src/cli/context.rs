@@ -28,9 +28,9 @@ pub struct GlobalArgs {
     /// Say only what is wrong
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub quiet: bool,
-    /// Say more (-vv: even more)
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
-    pub verbose: u8,
+    /// Say also how long each stage took and how much memory was used
+    #[arg(short, long, global = true)]
+    pub verbose: bool,
     /// Colours on stderr
     #[arg(long, global = true, value_name = "WHEN", default_value = "auto", hide_default_value = true)]
     pub color: Color,
@@ -58,10 +58,6 @@ pub struct GlobalArgs {
 pub struct Context<'a> {
     /// Where to report to; also says whether to stop.
     pub reporter: &'a Reporter,
-    /// `--json`.
-    pub json: bool,
-    /// `-v` once or more.
-    pub verbose: u8,
     /// Threads of the global rayon pool.
     pub jobs: usize,
     /// Bytes that the work may hold: `--memory`, else three quarters of the machine's. A manifest's `limits.memory` counts when

@@ -10,6 +10,7 @@ use prelight_store::StoreError;
 /// How the command ends. Anything that is not listed here is a failure too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[allow(dead_code, reason = "the whole table is the contract; some codes belong to verbs that come later")]
 pub enum ExitCode {
     /// All done.
     Done = 0,
@@ -56,11 +57,6 @@ pub struct Words {
 }
 
 impl Failure {
-    /// A failure with a code chosen by the caller.
-    pub fn new(code: ExitCode, error: impl Into<anyhow::Error>) -> Self {
-        Failure { code, error: error.into() }
-    }
-
     /// A failure in words; a line `  help: …` in it is printed as help.
     pub fn text(code: ExitCode, text: impl Into<String>) -> Self {
         Failure { code, error: anyhow::Error::msg(text.into()) }

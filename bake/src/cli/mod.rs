@@ -122,6 +122,9 @@ fn run(arguments: &[OsString]) -> ExitCode {
     let mut reporter = Reporter::new(look(&global), global.json, global.quiet, stdout.clone());
     let result = run_verb(verb, &global, &reporter);
     reporter.finish();
+    if global.verbose {
+        account(&reporter);
+    }
     let code = match result {
         Ok(summary) if global.json => {
             stdout.line(&summary.to_json(name).to_string());
@@ -159,8 +162,6 @@ fn run_verb(verb: Verb, global: &GlobalArgs, reporter: &Reporter) -> Result<Summ
     rayon::ThreadPoolBuilder::new().num_threads(jobs).build_global().map_err(anyhow::Error::new)?;
     let context = Context {
         reporter,
-        json: global.json,
-        verbose: global.verbose,
         jobs,
         memory: global.memory.unwrap_or_else(context::default_memory),
         memory_given: global.memory.is_some(),
@@ -172,6 +173,16 @@ fn run_verb(verb: Verb, global: &GlobalArgs, reporter: &Reporter) -> Result<Summ
         let text = "this is a bug in prelight\n  help: please report it with the message above and the command line";
         Err(Failure::text(ExitCode::Failed, text))
     })
+}
+
+/// What `-v` adds, on stderr.
+fn account(reporter: &Reporter) {
+    for (stage, seconds) in reporter.stage_seconds() {
+        talk(&format!("{stage}: {}", reporter::clock(seconds)));
+    }
+    if let Some(peak) = context::peak_memory() {
+        talk(&format!("peak memory: {peak}"));
+    }
 }
 
 /// `error: …`, then where, then what to do, on stderr.

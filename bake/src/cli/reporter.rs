@@ -61,7 +61,6 @@ struct Shared {
     seconds: Mutex<Vec<(String, f64)>>,
     stop: Mutex<bool>,
     wake: Condvar,
-    warnings: AtomicU64,
     drawing: AtomicBool,
 }
 
@@ -88,7 +87,6 @@ impl Reporter {
             seconds: Mutex::new(Vec::new()),
             stop: Mutex::new(false),
             wake: Condvar::new(),
-            warnings: AtomicU64::new(0),
             drawing: AtomicBool::new(true),
         });
         let ticker = (look != Look::None).then(|| {
@@ -101,11 +99,6 @@ impl Reporter {
     /// Seconds of each stage so far, in order of their first beginning; repeats of a name are added up.
     pub fn stage_seconds(&self) -> Vec<(String, f64)> {
         lock(&self.shared.seconds).clone()
-    }
-
-    /// Warnings so far.
-    pub fn n_warnings(&self) -> u64 {
-        self.shared.warnings.load(Ordering::Relaxed)
     }
 
     /// Ends the stage that an error left open and stops drawing, so that what is printed next stands alone.
@@ -281,7 +274,6 @@ impl Progress for Reporter {
     }
 
     fn warning(&self, text: &str) {
-        self.shared.warnings.fetch_add(1, Ordering::Relaxed);
         if self.shared.json {
             self.shared.stdout.line(&json!({ "version": EVENT_VERSION, "event": "warning", "text": text }).to_string());
         } else if !self.shared.quiet {
