@@ -20,14 +20,14 @@ use crate::seal::{self, SceneChunks};
 use crate::trace::{OccluderOptions, Occluders, TreeQuality};
 use prelight_manifests::asset::{AssetContent, AssetObject, AssetPatch};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
-use prelight_runtime::asset::points::PATCH_POINTS;
+use prelight_runtime::asset::points::{BURIED, PATCH_POINTS};
 use prelight_runtime::block_product::visibility::{PointVisibility, Visibility};
 use prelight_store::{Chunk, ShardWriter, Store};
 use rayon::prelude::*;
 use std::time::Instant;
 
 /// Rounds of splitting at most: each halves an edge, and the area floor ends it sooner.
-const MAX_ROUNDS: usize = 8;
+const MAX_ROUNDS: usize = 4;
 
 /// What decides a bake, besides the scene.
 #[derive(Clone, Debug)]
@@ -156,11 +156,13 @@ struct ObjectWork {
     plan: ObjectPlan,
     /// One per patch that has been traced or found, in order.
     visibility: Vec<(Descriptor, Chunk)>,
+    /// Points below this were there at the last round: edges between them were asked then, and the answer does not change.
+    judged: u32,
 }
 
 impl ObjectWork {
     fn new(plan: ObjectPlan) -> Self {
-        ObjectWork { plan, visibility: Vec::new() }
+        ObjectWork { plan, visibility: Vec::new(), judged: 0 }
     }
 
     /// Splits edges whose ends see different things; returns how many points that added.
@@ -173,10 +175,16 @@ impl ObjectWork {
             patches[patch].point((i - first[patch]) as usize)
         };
         let scratch = std::cell::RefCell::new(Default::default());
-        let differs = |a: u32, b: u32| Difference::between(point(a), point(b), texels, &mut scratch.borrow_mut()).is_leak(texels);
+        let is_buried = |i: u32| self.plan.flags[i as usize] & BURIED != 0;
+        let differs = |a: u32, b: u32| {
+            // Nothing is interpolated from a buried point, so nothing leaks from it.
+            let settled = a.max(b) < self.judged || is_buried(a) || is_buried(b);
+            !settled && Difference::between(point(a), point(b), texels, &mut scratch.borrow_mut()).is_leak(texels)
+        };
         let Some(plan) = split_differing(&self.plan, params, &differs)? else { return Ok(0) };
         let added = (plan.n_points() - self.plan.n_points()) as u64;
         drop(patches);
+        self.judged = self.plan.n_points() as u32;
         self.plan = plan;
         Ok(added)
     }

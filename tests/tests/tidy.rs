@@ -75,7 +75,9 @@ fn runtime_shows_no_foreign_types_and_the_store_calls_the_system_in_one_place() 
             assert!(shown.is_none(), "{path}: {shown:?}");
         }
         if path.starts_with("store/src") && !["store/src/os.rs", "store/src/map.rs"].contains(&path.as_str()) {
-            assert!(!code.contains("rustix::") && !code.contains("fs::"), "{path} goes around os.rs");
+            let calls: Vec<&str> = code.lines().filter(|line| line.contains("fs::") || line.contains("rustix::")).collect();
+            // Holding an open file is fine; opening, renaming and syncing are the system's business.
+            assert!(calls.iter().all(|line| line.contains("fs::File")), "{path} goes around os.rs: {calls:?}");
         }
     }
 }

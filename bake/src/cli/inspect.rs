@@ -177,10 +177,10 @@ fn map_error(asset: &Asset, args: &InspectArgs, output: &Path, context: &Context
     let picture = Picture { camera, size, samples: 16, clay: false };
     let frame = relight(asset, &environment, &picture, &mut summary)?;
     let truth = trace_reference(asset, &environment, &picture, args.reference, 0, context)?;
-    let metrics = compare(&frame.image, &truth.image, &truth.mask, None, Some([&truth.half_a, &truth.half_b]))?;
+    let metrics = compare(&frame.image, &truth.images.image, &truth.images.mask, None, Some([&truth.images.half_a, &truth.images.half_b]))?;
     let look = |image: &Image| expose(image, metrics.exposure as f32);
-    let error = flip_map(&look(&frame.image), &look(&truth.image));
-    let pixels = error.iter().zip(&truth.mask).map(|(error, mask)| if *mask { [*error; 3] } else { [0.0; 3] }).collect();
+    let error = flip_map(&look(&frame.image), &look(&truth.images.image));
+    let pixels = error.iter().zip(&truth.images.mask).map(|(error, mask)| if *mask { [*error; 3] } else { [0.0; 3] }).collect();
     write_image(&Image { width: size[0], height: size[1], pixels }, output, 1.0)?;
     set_metrics(&mut summary, &metrics);
     summary.set("image", output.display().to_string());

@@ -80,14 +80,14 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     if let Some(spp) = args.reference {
         let truth = trace_reference(&asset, &environment, &picture, spp, args.bounces, context)?;
         let path = if args.reference_only { args.output.clone() } else { reference_path(&args.output) };
-        used = Some(exposure.unwrap_or_else(|| automatic_exposure(&truth.image, &truth.mask)));
+        used = Some(exposure.unwrap_or_else(|| automatic_exposure(&truth.images.image, &truth.images.mask)));
         if let Some(frame) = &frame {
-            let halves = Some([&truth.half_a, &truth.half_b]);
-            let metrics = compare(&frame.image, &truth.image, &truth.mask, exposure, halves)?;
+            let halves = Some([&truth.images.half_a, &truth.images.half_b]);
+            let metrics = compare(&frame.image, &truth.images.image, &truth.images.mask, exposure, halves)?;
             set_metrics(&mut summary, &metrics);
         }
-        summary.set("reference", path.display().to_string()).set("seconds.reference", truth.seconds).set("rays", truth.rays);
-        write_image(&truth.image, &path, used.unwrap_or(1.0))?;
+        summary.set("reference", path.display().to_string()).set("seconds.reference", truth.seconds).set("rays", truth.images.rays);
+        write_image(&truth.images.image, &path, used.unwrap_or(1.0))?;
     }
     if let Some(frame) = &frame {
         let exposure = used.unwrap_or_else(|| automatic_exposure(&frame.image, &frame.mask));

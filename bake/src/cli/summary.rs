@@ -52,6 +52,13 @@ impl Summary {
         &self.fields
     }
 
+    /// A field by its dotted path.
+    pub fn get(&self, path: &str) -> Option<&Value> {
+        let (head, rest) = path.split_once('.').map_or((path, None), |(head, rest)| (head, Some(rest)));
+        let value = self.fields.get(head)?;
+        rest.map_or(Some(value), |rest| value.pointer(&format!("/{}", rest.replace('.', "/"))))
+    }
+
     /// The last line of `--json`.
     pub fn to_json(&self, verb: &str) -> Value {
         let mut event = head(verb, self.exit_code);

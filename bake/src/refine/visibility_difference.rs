@@ -41,10 +41,11 @@ impl Difference {
         difference
     }
 
-    /// More than half of what the more open one sees is different, and it sees more than a sliver (a hundredth of the sphere).
+    /// More than half of what the more open one sees is different, and it sees at least an eighth of a hemisphere: in dark corners any two
+    /// points see different slivers, and no picture shows it.
     pub fn is_leak(&self, texels: usize) -> bool {
         let open = self.open[0].max(self.open[1]);
-        100 * open > texels && 2 * self.differing > open
+        16 * open >= texels && 2 * self.differing > open
     }
 }
 
