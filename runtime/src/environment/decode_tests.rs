@@ -138,10 +138,12 @@ fn headers_are_read_leniently_and_say_what_they_pass_over() {
         file.extend([128, 128, 128, 129]);
         decode_with_report(&file)
     };
-    let (image, report) = with("#?RADIANCE\nGAMMA=1\nsome command line\nEXPOSURE=1.0\n\n-Y 1 +X 1\n");
+    let (image, report) = with(
+        "#?RADIANCE\nGAMMA=1\nsome command line\nEXPOSURE=1.0\nPRIMARIES=0 0 0 0 0 0 0 0\nPRIMARIES=0.640 0.330 0.290 0.600 0.150 0.060 0.333 0.333\n\n-Y 1 +X 1\n",
+    );
     assert_eq!((image.pixels, report.warnings().len()), (vec![[1.0; 3]], 0));
     let (image, report) =
-        with("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.5\nCOLORCORR= 1 0.5 1\nPRIMARIES= 0 0 0 0 0 0 0 0\n\n-Y 1 +X 1\n");
+        with("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.5\nCOLORCORR= 1 0.5 1\nPRIMARIES= .7 .3 .2 .7 .15 .06 .33 .33\n\n-Y 1 +X 1\n");
     assert_eq!((image.pixels, report.warnings().len()), (vec![[1.0; 3]], 3));
     assert!(report.warnings()[0].contains("EXPOSURE=2.5"));
     // XYZE: X = Y = Z is grey.

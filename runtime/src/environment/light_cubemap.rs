@@ -14,7 +14,16 @@ use super::{Environment, Splatter};
 ///
 /// So the irradiance of a point with normal n that sees the texels S is Σ_{S} n·moment, and it equals that of the exact image
 /// where S holds every texel that the light above the horizon was spread over. Error: at 64² a source pixel reaches
-/// texel centres at most 2.6° away, so light nearer than that to the horizon can lose a part (or bring one from below).
+/// texel centres at most 2.6° away, so light nearer than that to the horizon can lose a part (or bring one from below). Relative
+/// error of the unoccluded irradiance of a one-pixel sun, 64² faces (random suns, turns and normals; printed by the test):
+///
+/// | sun above the horizon | mean | largest |
+/// |---|---|---|
+/// | 0.2° to 1° | 0.18 | 0.8 |
+/// | 1° to 2° | 0.01 | 0.25 |
+/// | 2° to 3° | 3e-7 | 2e-6 |
+/// | 3° to 4° | 3e-7 | 5e-6 |
+/// | from 4° on | 3e-8 | 2e-7 |
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightCubemap {
     /// Texels along a side of a face.

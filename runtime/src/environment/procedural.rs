@@ -24,15 +24,18 @@ pub fn sky(sun_direction: [f32; 3]) -> Environment {
     paint(|direction| {
         let towards_sun = dot(direction, sun).clamp(-1.0, 1.0);
         let daylight = 0.15 + 0.85 * libm::sqrt(height);
+        let (zenith, horizon) = ([0.10, 0.22, 0.50], [0.48, 0.56, 0.66]);
         if direction[1] < 0.0 {
-            // Ground: albedo times what falls on it, darker far down.
-            let light: [f64; 3] = std::array::from_fn(|c| 4.0 * through[c] * height + 1.0 * daylight);
+            // Ground: albedo times what falls on it, fading into the haze at the horizon.
+            let haze = libm::exp(direction[1] * 25.0);
             let albedo = [0.16, 0.13, 0.10];
-            return std::array::from_fn(|c| albedo[c] * light[c] / std::f64::consts::PI);
+            return std::array::from_fn(|c| {
+                let ground = albedo[c] * (4.0 * through[c] * height + daylight) / std::f64::consts::PI;
+                ground + (0.7 * horizon[c] * daylight - ground) * haze
+            });
         }
         let haze = libm::exp(-direction[1] * 5.0);
         let glow = 0.9 * libm::exp(-(1.0 - towards_sun) * 40.0) + 0.25 * libm::exp(-(1.0 - towards_sun) * 5.0);
-        let (zenith, horizon) = ([0.10, 0.22, 0.50], [0.48, 0.56, 0.66]);
         let angle = libm::acos(towards_sun);
         let disc = if angle < SUN_RADIUS { disc_radiance * sun_is_up } else { 0.0 };
         std::array::from_fn(|c| (zenith[c] + (horizon[c] - zenith[c]) * haze) * daylight + through[c] * (glow + disc))

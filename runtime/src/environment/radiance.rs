@@ -92,7 +92,9 @@ fn read_header(source: Source<'_>) -> Result<Header, RuntimeError> {
                     "{name}={value} in the header is not applied: pixel values are taken as radiance (use intensity to scale)"
                 ));
             }
-            "PRIMARIES" => notes.push(format!("PRIMARIES={value} in the header is not applied: colours are taken as Rec.709")),
+            "PRIMARIES" if !is_rec709(value) => {
+                notes.push(format!("PRIMARIES={value} in the header is not applied: colours are taken as Rec.709"));
+            }
             _ => {}
         }
     }
@@ -100,6 +102,14 @@ fn read_header(source: Source<'_>) -> Result<Header, RuntimeError> {
     let orientation = parse_resolution(&line)
         .ok_or_else(|| source.error(format!("its resolution line `{}` is not of the form `-Y 512 +X 1024`", shorten(&line)), HELP))?;
     Ok(Header { orientation, xyz, notes, data: at })
+}
+
+/// Whether a PRIMARIES line gives the red, green and blue of Rec.709 (Radiance's own default is within 0.01), or only zeros as some
+/// writers do. The white point after them is not looked at.
+fn is_rec709(value: &str) -> bool {
+    let numbers: Vec<f64> = value.split_whitespace().map_while(|number| number.parse().ok()).collect();
+    let rec709 = [0.64, 0.33, 0.30, 0.60, 0.15, 0.06];
+    numbers.iter().all(|number| *number == 0.0) || numbers.len() >= 6 && numbers.iter().zip(rec709).all(|(a, b)| (a - b).abs() < 0.015)
 }
 
 /// At most 40 characters of text from a file.
