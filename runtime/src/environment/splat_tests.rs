@@ -359,3 +359,14 @@ fn black_light_and_light_beyond_f32_stay_finite() {
     let (light, _) = LightCubemap::from_environment(&huge, 8);
     assert!(light.flux.iter().flatten().chain(light.moment.iter().flatten().flatten()).all(|value| value.is_finite()));
 }
+
+#[cfg(feature = "parallel")]
+#[test]
+fn one_and_three_threads_give_the_same_bits() {
+    let environment = random_environment(256, 128, &mut Random(9)).with_rotation(12.0);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| LightCubemap::from_environment(&environment, 32))
+    };
+    assert_eq!(on(1), on(3));
+}
