@@ -12,7 +12,7 @@ use prelight_runtime::asset::surface::PointSurfaces;
 use prelight_runtime::baseline::dense::{self, PixelLight};
 use prelight_runtime::baseline::pixel_product;
 use prelight_runtime::block_product::visibility::{Visibility, block_count};
-use prelight_runtime::block_product::{Light, SimdPath, shade_diffuse_with, shade_glossy_with};
+use prelight_runtime::block_product::{GLOSSY_TOLERANCE, Light, SimdPath, shade_diffuse_with, shade_glossy_with};
 use std::hint::black_box;
 
 const PATCHES: usize = 4;
@@ -120,20 +120,20 @@ fn main() {
             .collect();
         let mut out = vec![[[0.0f32; 3]; 2]; POINTS];
         let surfaces = PointSurfaces { normal: &patch.normal, roughness: &roughnesses, metallic: &[], material: &[] };
-        shade_glossy_with(path, light, &patch.position, &surfaces, &visibilities[0], EYE, &mut out);
+        shade_glossy_with(path, GLOSSY_TOLERANCE, light, &patch.position, &surfaces, &visibilities[0], EYE, &mut out);
         let some: Vec<[[f32; 3]; 2]> = out.iter().step_by(8).copied().collect();
         add(format!("glossy, roughness {roughness}, {path:?}"), compare(some.as_flattened(), &truth), POINTS, {
             let mut out = vec![[[0.0; 3]; 2]; POINTS];
             Box::new(move || {
                 let surfaces = PointSurfaces { normal: &patch.normal, roughness: &roughnesses, metallic: &[], material: &[] };
-                shade_glossy_with(path, light, &patch.position, &surfaces, &visibilities[0], EYE, black_box(&mut out));
+                shade_glossy_with(path, GLOSSY_TOLERANCE, light, &patch.position, &surfaces, &visibilities[0], EYE, black_box(&mut out));
             })
         });
     }
 
-    for method in &methods {
-        let mark = if method.name.starts_with("exact") { 100.0 } else { 60.0 };
-        assert!(method.decibels >= mark, "{}: {:.1} dB", method.name, method.decibels);
+    // A word on the command line picks the methods that hold it, for profiling.
+    if let Some(word) = std::env::args().skip(1).find(|argument| !argument.starts_with("--")) {
+        methods.retain(|method| method.name.contains(&word));
     }
     for round in 0..if quick { 1 } else { ROUNDS } {
         for method in &mut methods {
@@ -153,6 +153,10 @@ fn main() {
         let best = |path: &str| median(&format!("dense, tiled, {path}")).min(median(&format!("dense, tiled, vector, {path}")));
         let (avx2, avx512) = (best("Avx2") / ns, best("Avx512") / ns);
         println!("{:<40} {ns:>10.0} {avx2:>12.1} {avx512:>12.1} {:>8.1}", method.name, method.decibels);
+    }
+    for method in &methods {
+        let mark = if method.name.starts_with("glossy") { 58.0 } else { 100.0 };
+        assert!(method.decibels >= mark, "{}: {:.1} dB", method.name, method.decibels);
     }
 }
 

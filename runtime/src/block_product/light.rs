@@ -8,8 +8,8 @@
 //! per position, nine of sixteen lanes used: 1.5 MiB at 64². Summed in f64, stored in f32: an entry is within 2⁻²⁴ of itself, so a
 //! difference within about 6e-8 of all light that follows it.
 //!
-//! For glossy light: flux and unit direction of every texel in the same order, planar, and of every block and cell the
-//! cone around its texel centres with the light inside. Source: \[IFL\] Eq. 6, taken over the sphere instead of a block.
+//! For glossy light: flux and unit direction of every texel in the same order, planar, and every block and cell as one light of its own, with
+//! the mean direction of what shines in it (`Level`); the same for solid angle instead of flux. Source: \[IFL\] Eq. 6, taken over the sphere instead of a block.
 
 use crate::environment::LightCubemap;
 use crate::sphere::cubemap::{BLOCK_TEXELS, CELL_TEXELS, row_major_from_hilbert, texel_solid_angle, texel_unit_direction};
@@ -27,29 +27,35 @@ pub struct Light {
     order: Vec<u32>,
     /// `[6·n² + 1]`
     pub(crate) suffix: Vec<SuffixLine>,
-    /// `[axis][6·n²]` unit directions of the texels' centres.
-    pub(crate) direction: [Vec<f32>; 3],
-    /// `[channel][6·n²]` ∫ L dω.
-    pub(crate) flux: [Vec<f32>; 3],
-    /// `[6·n²]` sr.
-    pub(crate) solid_angle: Vec<f32>,
-    pub(crate) blocks: Cones,
-    pub(crate) cells: Cones,
+    /// Texels, cells and blocks with the light in them.
+    pub(crate) flux: Pyramid,
+    /// The same with solid angle in place of flux, in all three channels.
+    pub(crate) solid_angle: Pyramid,
     /// Mean radiance over the sphere, summed over the channels.
     pub(crate) mean_radiance: f32,
 }
 
-/// Runs of texels: what directions they span and what they hold. Every vector has one element per run.
+/// Runs of texels as lights of their own, planar, one element per run.
 #[derive(Clone, Debug)]
-pub(crate) struct Cones {
-    /// Mean of the unit directions, `[axis][run]`; not unit.
-    pub axis: [Vec<f32>; 3],
-    /// Largest distance of a unit direction from the axis.
+pub(crate) struct Level {
+    /// Unit direction of the mean of what shines, `[axis][run]`.
+    pub direction: [Vec<f32>; 3],
+    /// `[channel][run]`
+    pub flux: [Vec<f32>; 3],
+    /// Sum over the channels.
+    pub weight: Vec<f32>,
+    /// No texel centre of the run is farther from `direction`.
     pub radius: Vec<f32>,
-    /// Sum of the flux of all channels.
-    pub flux: Vec<f32>,
-    /// sr
-    pub solid_angle: Vec<f32>,
+    /// Mean square distance of what shines from `direction`.
+    pub spread: Vec<f32>,
+}
+
+/// Texels, 4×4 cells and 16×16 blocks.
+#[derive(Clone, Debug)]
+pub(crate) struct Pyramid {
+    pub texels: Level,
+    pub cells: Level,
+    pub blocks: Level,
 }
 
 impl Light {
@@ -70,26 +76,16 @@ impl Light {
             texel_unit_direction(face_resolution, face, x, y)
         };
         let direction: [Vec<f32>; 3] = std::array::from_fn(|axis| order.iter().map(|texel| unit(texel)[axis]).collect());
-        let solid_angle: Vec<f32> = order
-            .iter()
-            .map(|texel| {
-                let (_, x, y) = place(*texel);
-                texel_solid_angle(face_resolution, x, y) as f32
-            })
-            .collect();
-        let blocks = Cones::new(BLOCK_TEXELS, &direction, &solid_angle);
-        let cells = Cones::new(CELL_TEXELS, &direction, &solid_angle);
-        let mut light = Light {
-            face_resolution,
-            order,
-            suffix: vec![SuffixLine([0.0; 16]); texels + 1],
-            direction,
-            flux: std::array::from_fn(|_| vec![0.0; texels]),
-            solid_angle,
-            blocks,
-            cells,
-            mean_radiance: 0.0,
+        let size = |texel: &u32| {
+            let (_, x, y) = place(*texel);
+            texel_solid_angle(face_resolution, x, y) as f32
         };
+        let mut solid_angle = Pyramid::black(&direction);
+        solid_angle.texels.flux = std::array::from_fn(|_| order.iter().map(size).collect());
+        solid_angle.gather(None);
+        let flux = Pyramid::black(&direction);
+        let suffix = vec![SuffixLine([0.0; 16]); texels + 1];
+        let mut light = Light { face_resolution, order, suffix, flux, solid_angle, mean_radiance: 0.0 };
         light.update(cubemap);
         light
     }
@@ -107,11 +103,10 @@ impl Light {
             for (lane, sum) in self.suffix[position].0.iter_mut().zip(&sums) {
                 *lane = *sum as f32;
             }
-            (0..3).for_each(|channel| self.flux[channel][position] = flux[texel][channel]);
+            (0..3).for_each(|channel| self.flux.texels.flux[channel][position] = flux[texel][channel]);
         }
-        self.blocks.set_flux(&self.flux);
-        self.cells.set_flux(&self.flux);
-        let total: f64 = self.blocks.flux.iter().map(|flux| f64::from(*flux)).sum();
+        self.flux.gather(Some(&self.solid_angle));
+        let total: f64 = self.flux.blocks.weight.iter().map(|flux| f64::from(*flux)).sum();
         self.mean_radiance = (total / (4.0 * std::f64::consts::PI)) as f32;
     }
 
@@ -126,25 +121,60 @@ impl Light {
     }
 }
 
-impl Cones {
-    fn new(run: usize, direction: &[Vec<f32>; 3], solid_angle: &[f32]) -> Self {
-        let runs = solid_angle.len() / run;
-        let mean = |values: &[f32]| (values.iter().map(|v| f64::from(*v)).sum::<f64>() / run as f64) as f32;
-        let axis: [Vec<f32>; 3] = std::array::from_fn(|a| direction[a].chunks_exact(run).map(mean).collect());
-        let distance = |texel: usize, at: usize| {
-            let square: f64 = (0..3).map(|a| (f64::from(direction[a][texel]) - f64::from(axis[a][at])).powi(2)).sum();
-            // A bound must not be rounded down.
-            (square.sqrt() * (1.0 + 1e-6)) as f32
-        };
-        let radius = (0..runs).map(|at| (at * run..(at + 1) * run).map(|texel| distance(texel, at)).fold(0.0, f32::max)).collect();
-        let solid_angle = solid_angle.chunks_exact(run).map(|part| part.iter().sum()).collect();
-        Cones { axis, radius, flux: vec![0.0; runs], solid_angle }
+impl Level {
+    fn black(direction: [Vec<f32>; 3]) -> Self {
+        let zeros = || vec![0.0; direction[0].len()];
+        Level { flux: std::array::from_fn(|_| zeros()), weight: zeros(), radius: zeros(), spread: zeros(), direction }
     }
 
-    fn set_flux(&mut self, flux: &[Vec<f32>; 3]) {
-        let run = flux[0].len() / self.flux.len();
-        for (at, sum) in self.flux.iter_mut().enumerate() {
-            *sum = flux.iter().map(|channel| channel[at * run..(at + 1) * run].iter().sum::<f32>()).sum();
+    fn direction_of(&self, run: usize) -> [f64; 3] {
+        std::array::from_fn(|axis| f64::from(self.direction[axis][run]))
+    }
+}
+
+impl Pyramid {
+    fn black(direction: &[Vec<f32>; 3]) -> Self {
+        let coarse = |run: usize| Level::black(std::array::from_fn(|axis| vec![0.0; direction[axis].len() / run]));
+        Pyramid { texels: Level::black(direction.clone()), cells: coarse(CELL_TEXELS), blocks: coarse(BLOCK_TEXELS) }
+    }
+
+    /// Sums the texels' flux into cells and blocks. `shape` gives directions and radii where nothing shines; without it they are taken
+    /// from the texels.
+    fn gather(&mut self, shape: Option<&Pyramid>) {
+        let Pyramid { texels, cells, blocks } = self;
+        gather_level(texels, cells, CELL_TEXELS, shape.map(|pyramid| &pyramid.cells));
+        gather_level(texels, blocks, BLOCK_TEXELS, shape.map(|pyramid| &pyramid.blocks));
+    }
+}
+
+fn gather_level(texels: &Level, level: &mut Level, run: usize, shape: Option<&Level>) {
+    for at in 0..level.weight.len() {
+        let part = at * run..(at + 1) * run;
+        let (mut flux, mut mean) = ([0.0f64; 3], [0.0f64; 3]);
+        for texel in part.clone() {
+            let own: [f64; 3] = std::array::from_fn(|c| f64::from(texels.flux[c][texel]));
+            let (weight, direction) = (own[0] + own[1] + own[2], texels.direction_of(texel));
+            (0..3).for_each(|k| flux[k] += own[k]);
+            (0..3).for_each(|k| mean[k] += weight * direction[k]);
         }
+        let weight = flux[0] + flux[1] + flux[2];
+        let length = (mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]).sqrt();
+        let unit = match shape {
+            Some(shape) if length == 0.0 => shape.direction_of(at),
+            _ => mean.map(|x| x / length),
+        };
+        let square = |a: [f64; 3], b: [f64; 3]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2);
+        let radius = match shape {
+            Some(shape) => f64::from(shape.radius[at]) + square(unit, shape.direction_of(at)).sqrt(),
+            None => part.map(|texel| square(texels.direction_of(texel), unit)).fold(0.0, f64::max).sqrt(),
+        };
+        (0..3).for_each(|axis| level.direction[axis][at] = unit[axis] as f32);
+        (0..3).for_each(|channel| level.flux[channel][at] = flux[channel] as f32);
+        level.weight[at] = weight as f32;
+        // A bound must not be rounded down.
+        level.radius[at] = (radius * (1.0 + 1e-6)) as f32;
+        // Of unit vectors around a mean of length m: Σ w |l − mean|² = 1 − m², and the unit mean is (1 − m) from it.
+        let m = if weight > 0.0 { length / weight } else { 1.0 };
+        level.spread[at] = (2.0 * (1.0 - m)).max(0.0) as f32;
     }
 }

@@ -57,8 +57,8 @@ impl Patch {
         let mut noise = Noise(seed);
         let (boxes, spheres): (Vec<_>, Vec<_>) = {
             let mut place = || [noise.next() * 8.0 - 4.0, noise.next() * 8.0 - 4.0];
-            let boxes = (0..7).map(|i| (place(), [0.3 + 0.1 * i as f64, 0.5 + 0.35 * i as f64, 0.4])).collect();
-            let spheres = (0..7).map(|i| (place(), 0.3 + 0.1 * i as f64)).collect();
+            let boxes = (0..3).map(|i| (place(), [0.4 + 0.2 * i as f64, 0.8 + 0.6 * i as f64, 0.5])).collect();
+            let spheres = (0..4).map(|i| (place(), 0.3 + 0.2 * i as f64)).collect();
             (boxes, spheres)
         };
         let mut position = Vec::new();
