@@ -65,10 +65,14 @@ impl<'a> Reader<'a> {
 
     /// The next array, `count` elements.
     pub fn array<T: Pod>(&mut self, count: usize) -> Result<&'a [T], RuntimeError> {
-        let size = count.checked_mul(size_of::<T>()).filter(|size| *size <= self.bytes.len() - self.at);
+        let left = self.bytes.len() - self.at;
+        let size = count.checked_mul(size_of::<T>()).filter(|size| *size <= left && size.next_multiple_of(ALIGNMENT) <= left);
         let size = size.ok_or_else(|| self.error("shorter than its counts say"))?;
-        let slice = &self.bytes[self.at..self.at + size];
-        self.at = (self.at + size).next_multiple_of(ALIGNMENT).min(self.bytes.len());
+        let (slice, padding) = self.bytes[self.at..self.at + size.next_multiple_of(ALIGNMENT)].split_at(size);
+        if padding.iter().any(|byte| *byte != 0) {
+            return Err(self.error("padding is not zero"));
+        }
+        self.at += size.next_multiple_of(ALIGNMENT);
         try_cast_slice(slice).map_err(|_| self.error("bytes are not aligned for their type"))
     }
 
