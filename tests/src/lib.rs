@@ -6,6 +6,7 @@ use prelight_bake::progress::Silent;
 use prelight_bake::scene::{Mesh, Object, Primitive, Scene};
 use prelight_bake::trace::TreeQuality;
 use prelight_manifests::Quality;
+use prelight_runtime::asset::Asset;
 use prelight_runtime::surface::Material;
 use prelight_store::Store;
 use std::path::{Path, PathBuf};
@@ -111,4 +112,13 @@ pub fn options(scene: &Scene, edge_length: f32) -> BakeOptions {
 pub fn bake_into(scene: &Scene, options: &BakeOptions, store: &Path) -> Baked {
     let store = Store::open_or_create(store).expect("a fresh folder");
     bake(scene, options, &store, &Silent).expect("nothing is wrong with the scene")
+}
+
+/// Bakes at an edge length and opens what was baked. The folder may go once this returns: its files are mapped.
+pub fn baked_asset(scene: &Scene, edge_length: f32) -> Asset {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let baked = bake_into(scene, &options(scene, edge_length), folder.path());
+    let store = Store::open(folder.path()).expect("just written");
+    let manifest = prelight_bake::seal::seal(&baked, Default::default(), &store).expect("room on the disk");
+    Asset::open(manifest, &store).expect("just sealed")
 }
