@@ -46,8 +46,12 @@ edge_length = 0.04          # metres
 area_floor = 1.0            # no finer at shadow borders: the edges below are fine enough
 
 [[object]]                  # where the sun draws its patches
-match = "{Floor,Rug,Back wall}"
-edge_length = 0.028
+match = "{Floor,Rug}"
+edge_length = 0.025
+
+[[object]]                  # shadows of the window and the plant
+match = "Back wall"
+edge_length = 0.018
 
 [[object]]                  # seen from near
 match = "{Table,Block*,Books}"
@@ -78,40 +82,46 @@ pub fn write_scene(folder: &Path) -> Result<DemoScene, BakeError> {
         Ok::<PathBuf, BakeError>(path)
     };
     write("room.glb", &room::glb()?)?;
-    write("env/noon.exr", &landscape(sky(NOON_SUN)).to_exr()?)?;
-    write("env/evening.hdr", &landscape(sky(EVENING_SUN)).to_radiance_hdr())?;
+    write("env/noon.exr", &landscape(sky(NOON_SUN), [0.52, 0.47, 0.40]).to_exr()?)?;
+    write("env/evening.hdr", &landscape(sky(EVENING_SUN), [0.9, 0.85, 0.8]).to_radiance_hdr())?;
     let manifest = write("scene.toml", SCENE.as_bytes())?;
     Ok(DemoScene { manifest, environments: ["noon", "evening"], cameras: room::CAMERAS })
 }
 
-/// Puts hills under a sky: two wooded ridges in the haze and a meadow, so that the window has something to show.
-fn landscape(mut sky: Environment) -> Environment {
+/// Puts a landscape under a sky: a meadow and two wooded ridges in the haze, so that the window has something to show.
+///
+/// `dim` multiplies all but the sun's disc: the room is open to half the sky, which would drown the patch of sun.
+fn landscape(mut sky: Environment, dim: [f32; 3]) -> Environment {
+    const DISC: f32 = 20.0;
+    for pixel in sky.pixels.iter_mut().filter(|pixel| pixel[0] < DISC) {
+        (0..3).for_each(|c| pixel[c] *= dim[c]);
+    }
     let (width, height) = (sky.width, sky.height);
-    // Just above the horizon, by longitude: what haze fades to. The sun is higher than this row in both skies.
+    // Just above the horizon, by longitude: what haze fades to. The sun stands higher than this row in both skies.
     let haze: Vec<[f32; 3]> = (0..width).map(|x| sky.pixels[(height / 2 - 1) * width + x]).collect();
     let mean = haze.iter().map(|p| p[1]).sum::<f32>() / width as f32;
+    let pixel_height = std::f64::consts::PI / height as f64;
     for y in 0..height {
         for x in 0..width {
             let up = sky.direction_from_pixel(x as f64 + 0.5, y as f64 + 0.5)[1];
             let turn = 2.0 * std::f64::consts::PI * (x as f64 + 0.5) / width as f64;
-            let ridge = |base: f64, phase: f64| {
-                base + 0.018 * libm::sin(5.0 * turn + phase) + 0.010 * libm::sin(13.0 * turn + 2.0 * phase) + 0.004 * libm::sin(41.0 * turn)
-            };
-            // Albedo-like colour and how much haze lies before it.
-            let (colour, veil) = if up < -0.02 {
-                ([0.34, 0.40, 0.16], 0.75 * libm::exp((up + 0.02) * 9.0))
-            } else if up < ridge(0.012, 4.0) {
-                ([0.16, 0.24, 0.14], 0.45)
-            } else if up < ridge(0.055, 1.0) {
-                ([0.20, 0.28, 0.24], 0.70)
-            } else {
-                continue;
-            };
-            let pixel = &mut sky.pixels[y * width + x];
-            *pixel = std::array::from_fn(|c| {
-                let ground = colour[c] as f32 * mean;
-                ground + (haze[x][c].min(2.0 * mean) - ground) * veil as f32
-            });
+            let ridge = |base: f64, phase: f64| base + 0.018 * libm::sin(5.0 * turn + phase) + 0.010 * libm::sin(13.0 * turn + 2.0 * phase);
+            // Top, colour and how much haze lies before it; the farthest first.
+            let layers = [
+                (ridge(0.055, 1.0), [0.15, 0.21, 0.18], 0.60),
+                (ridge(0.012, 4.0), [0.11, 0.17, 0.09], 0.35),
+                (-0.02, [0.20, 0.24, 0.09], 0.5 * libm::exp((up + 0.02).min(0.0) * 10.0)),
+            ];
+            for (top, colour, veil) in layers {
+                // Tops fade over a pixel and a half.
+                let covered = ((top - up) / (1.5 * pixel_height) + 0.5).clamp(0.0, 1.0) as f32;
+                let pixel = &mut sky.pixels[y * width + x];
+                *pixel = std::array::from_fn(|c| {
+                    let ground = colour[c] * mean;
+                    let seen = ground + (haze[x][c].min(1.2 * mean) - ground) * veil as f32;
+                    pixel[c] + (seen - pixel[c]) * covered
+                });
+            }
         }
     }
     sky
@@ -144,9 +154,8 @@ mod tests {
         // Nothing stands outside the room, nothing is huge, and a second writing gives the same bytes.
         let world = World::build(&scene);
         assert!((10_000..80_000).contains(&world.positions.len()), "{}", world.positions.len());
-        assert!(world.positions.iter().flatten().all(|p| (-2.3..=3.3).contains(&p[0]) && (0.0..=3.2).contains(&p[1])));
+        assert!(world.positions.iter().flatten().all(|p| (-2.3..=3.3).contains(&p[0]) && (0.0..=4.9).contains(&p[1])));
         let first = std::fs::read(folder.path().join("room.glb")).unwrap();
-        write_scene(folder.path()).unwrap();
-        assert_eq!(first, std::fs::read(folder.path().join("room.glb")).unwrap());
+        assert_eq!(first, room::glb().unwrap());
     }
 }

@@ -159,7 +159,8 @@ pub(super) fn leaf(azimuth: f32, reach: f32, rise: f32, width: f32, material: u3
     let spine = |t: f32| [reach * t * (0.35 + 0.65 * t), rise * t * (2.2 - 1.35 * t)];
     grid(4, ROWS, material, |column, row| {
         let t = row as f32 / ROWS as f32;
-        let across = column as f32 / 2.0 - 1.0;
+        // From +1 to −1, so that the upper side is the front.
+        let across = 1.0 - column as f32 / 2.0;
         let half = 0.5 * width * libm::sinf(std::f32::consts::PI * (0.06 + 0.94 * t).min(1.0)).max(0.0).sqrt();
         let [out, up] = spine(t);
         let step = 0.01;
@@ -225,7 +226,9 @@ mod tests {
 
     #[test]
     fn shapes_face_outward_with_unit_normals() {
-        check("lathe", &lathe(&[[0.0, 0.0], [0.1, 0.0], [0.1, 0.0], [0.12, 0.2], [0.1, 0.2], [0.08, 0.02], [0.0, 0.02]], 24, 0));
+        let cup =
+            [[0.0, 0.0], [0.1, 0.0], [0.1, 0.0], [0.12, 0.2], [0.12, 0.2], [0.1, 0.2], [0.1, 0.2], [0.08, 0.02], [0.04, 0.01], [0.0, 0.01]];
+        check("lathe", &lathe(&cup, 24, 0));
         check("sphere", &sphere(0.2, 24, 0));
         check("ring", &ring(0.3, 0.05, 32, 12, 0));
         check("cuboid", &cuboid([-1.0, 0.0, 2.0], [1.0, 2.0, 3.0], 0));
