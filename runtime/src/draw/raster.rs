@@ -294,13 +294,13 @@ impl Rasteriser<'_> {
         let size = [self.width as f64, self.height as f64];
         let mut pixels = [0; 4];
         for k in 0..2 {
-            let (first, last) = ((low[k] - MARGIN).max(0.0), (high[k] + MARGIN).min(size[k] - 0.5));
+            let (first, last) = ((low[k] - MARGIN).max(0.0), high[k] + MARGIN);
             let in_view = first <= last && first < size[k];
             if !in_view {
                 return None;
             }
             pixels[k] = first as usize;
-            pixels[k + 2] = last as usize;
+            pixels[k + 2] = last.min(size[k] - 0.5) as usize;
         }
         (double_sided || Edges::new(corners)?.front).then_some(pixels)
     }
