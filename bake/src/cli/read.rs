@@ -1,7 +1,7 @@
 //! Input files, whole, within the memory limit.
 
 use prelight_bake::BakeError;
-use prelight_manifests::{AssetManifest, ByteSize};
+use prelight_manifests::{AssetManifest, ByteSize, ManifestError};
 use prelight_runtime::environment::{Environment, Limits};
 use std::io::Read;
 use std::path::Path;
@@ -33,7 +33,13 @@ pub fn parse_asset(path: &Path, bytes: &[u8]) -> Result<AssetManifest, BakeError
         what: format!("{name} is not an asset: it is not UTF-8 text"),
         help: "name the .prelight.json file that `prelight bake` wrote".to_string(),
     })?;
-    Ok(AssetManifest::parse(&name, text)?)
+    // Nobody writes an asset by hand, so what is expected in a field is no advice yet.
+    AssetManifest::parse(&name, text).map_err(|error| match error {
+        ManifestError::Range { .. } => {
+            BakeError::Unsupported { what: error.to_string(), help: "this asset is damaged or was edited; bake again".to_string() }
+        }
+        error => error.into(),
+    })
 }
 
 /// Reads and decodes an environment image, and keeps the file's name in front of what a person should know about it.
