@@ -260,18 +260,10 @@ fn long_version() -> &'static str {
     })
 }
 
-/// What this machine can do; which path is taken is each kernel's choice.
-fn simd() -> &'static str {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if std::arch::is_x86_feature_detected!("avx512f") {
-            return "avx512";
-        }
-        if std::arch::is_x86_feature_detected!("avx2") {
-            return "avx2";
-        }
-    }
-    "scalar"
+/// The instructions in force, `PRELIGHT_SIMD` heeded.
+fn simd() -> String {
+    let (tracing, shading) = (prelight_bake::trace::SimdPath::detect(), prelight_runtime::block_product::SimdPath::detect());
+    format!("tracing {tracing:?}, shading {shading:?}").to_lowercase()
 }
 
 #[cfg(test)]
