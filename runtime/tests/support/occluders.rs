@@ -57,8 +57,15 @@ impl Patch {
         let mut noise = Noise(seed);
         let (boxes, spheres): (Vec<_>, Vec<_>) = {
             let mut place = || [noise.next() * 8.0 - 4.0, noise.next() * 8.0 - 4.0];
-            let boxes = (0..3).map(|i| (place(), [0.4 + 0.2 * i as f64, 0.8 + 0.6 * i as f64, 0.5])).collect();
-            let spheres = (0..4).map(|i| (place(), 0.3 + 0.2 * i as f64)).collect();
+            let boxes = (0..2).map(|i| (place(), [0.4 + 0.3 * i as f64, 0.8 + 0.6 * i as f64, 0.5])).collect();
+            // Three crowns of leaves, so that outlines are ragged as those of real things are.
+            let crowns: [[f64; 2]; 3] = std::array::from_fn(|_| place());
+            let spheres = (0..45)
+                .map(|i| {
+                    let (crown, [x, z]) = (crowns[i % 3], place());
+                    ([crown[0] + 0.12 * x, 0.5 + 0.012 * (i * 7 % 45) as f64, crown[1] + 0.12 * z], 0.12)
+                })
+                .collect();
             (boxes, spheres)
         };
         let mut position = Vec::new();
@@ -73,7 +80,7 @@ impl Patch {
             let hidden = |d: [f64; 3]| {
                 d[1] <= 0.0
                     || boxes.iter().any(|(c, half)| meets_box(p, d, [c[0], half[1], c[1]], *half))
-                    || spheres.iter().any(|(c, radius)| meets_sphere(p, d, [c[0], *radius + 0.2, c[1]], *radius))
+                    || spheres.iter().any(|(c, radius)| meets_sphere(p, d, *c, *radius))
             };
             open.extend(open_bits(face_resolution, |d| d[0] * ns[0] + d[1] * ns[1] + d[2] * ns[2] > 0.0 && !hidden(d)));
             position.push(p.map(|x| x as f32));

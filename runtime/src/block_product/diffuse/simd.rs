@@ -10,6 +10,8 @@ use std::arch::x86_64::*;
 const PIECE: usize = 2048;
 /// A piece may be overrun by one block's transitions and by the last wide store.
 const PIECE_CAPACITY: usize = PIECE + 256 + 64;
+/// Bytes of a line: places in the table are kept as byte offsets, which addresses take without a shift. 6·128² of them fit 32 bits.
+const LINE_BYTES: u32 = size_of::<SuffixLine>() as u32;
 /// Transitions of one turn of the sum: four pairs.
 const TURN: usize = 8;
 
@@ -23,11 +25,11 @@ pub(super) fn shade_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f3
     unsafe { shade_patch_avx2(light, visibility, out) }
 }
 
-/// Lines of the suffix table, at most `PIECE_CAPACITY`.
+/// Byte offsets of lines of the suffix table.
 #[repr(C, align(64))]
 struct Lines([u32; PIECE_CAPACITY]);
 
-/// Appends a block's transitions to `lines`; `widen` stores 32 of them from a pointer.
+/// Appends a block's transitions to `lines`; `widen` stores the offsets of 32 of them from a pointer.
 ///
 /// # Safety
 /// `from` must be followed by `count` + 31 readable bytes, `to` by room for `count` + 31 lines.
@@ -58,11 +60,19 @@ unsafe fn for_each_piece(
     let mut positions = point.positions.as_ptr();
     let mut counts = point.counts.as_ptr();
     let mut held = 0;
-    for (word, bits) in point.blocks.iter().enumerate() {
-        let mut rest = *bits;
-        while rest != 0 {
-            let base = (32 * word as u32 + rest.trailing_zeros()) * 256;
-            rest &= rest - 1;
+    for (part, words) in point.blocks.chunks(4).enumerate() {
+        // Blocks of up to 128 in one loop, whose end is its only branch that cannot be foreseen.
+        let word = |at: usize| u64::from(words.get(at).copied().unwrap_or(0));
+        let (mut low, mut high) = (word(0) | word(1) << 32, word(2) | word(3) << 32);
+        for _ in 0..low.count_ones() + high.count_ones() {
+            let (rest, first) = if low == 0 { (high, 64) } else { (low, 0) };
+            let block = 128 * part as u32 + first + rest.trailing_zeros();
+            if low == 0 {
+                high &= high - 1;
+            } else {
+                low &= low - 1;
+            }
+            let base = block * 256 * LINE_BYTES;
             // SAFETY: a parsed point has a count per set bit of its mask, as many positions as the counts sum to, and STREAM_PADDING ≥ 32
             // bytes after the last. Lines hold PIECE + 256 + 64 elements, of which at most PIECE are taken here.
             unsafe {
@@ -90,23 +100,23 @@ const _: () = assert!(STREAM_PADDING >= 32);
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
 unsafe fn shade_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
     let table: &[SuffixLine] = &light.suffix;
-    let end = (table.len() - 1) as u32;
+    let end = (table.len() - 1) as u32 * LINE_BYTES;
     let mut lines = Lines([0; PIECE_CAPACITY]);
     for (point, out) in out.iter_mut().enumerate() {
         let mut sums = [_mm512_setzero_ps(); 4];
         let widen = |from: *const u8, base: u32, to: *mut u32| {
             // SAFETY: `append` vouches for 32 bytes to read and 32 lines to write; unaligned accesses.
             unsafe {
-                let bytes = _mm256_loadu_si256(from.cast());
                 let base = _mm512_set1_epi32(base as i32);
-                let (low, high) = (_mm256_castsi256_si128(bytes), _mm256_extracti128_si256::<1>(bytes));
-                _mm512_storeu_si512(to.cast(), _mm512_add_epi32(_mm512_cvtepu8_epi32(low), base));
-                _mm512_storeu_si512(to.add(16).cast(), _mm512_add_epi32(_mm512_cvtepu8_epi32(high), base));
+                for part in 0..2 {
+                    let bytes = _mm512_cvtepu8_epi32(_mm_loadu_si128(from.add(16 * part).cast()));
+                    _mm512_storeu_si512(to.add(16 * part).cast(), _mm512_add_epi32(_mm512_slli_epi32::<6>(bytes), base));
+                }
             }
         };
         let sum = |lines: &[u32]| {
-            // SAFETY: a line is a position of the cubemap or `end`, both inside the table; its rows are 64-byte aligned.
-            let line = |at: u32| unsafe { _mm512_load_ps(table.as_ptr().add(at as usize).cast()) };
+            // SAFETY: an offset is that of a position of the cubemap or `end`, both inside the table; its rows are 64-byte aligned.
+            let line = |at: u32| unsafe { _mm512_load_ps(table.as_ptr().byte_add(at as usize).cast()) };
             for turn in lines.chunks_exact(TURN) {
                 for (k, pair) in turn.chunks_exact(2).enumerate() {
                     sums[k] = _mm512_add_ps(sums[k], _mm512_sub_ps(line(pair[0]), line(pair[1])));
@@ -124,7 +134,7 @@ unsafe fn shade_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [
 #[target_feature(enable = "avx2,fma")]
 unsafe fn shade_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
     let table: &[SuffixLine] = &light.suffix;
-    let end = (table.len() - 1) as u32;
+    let end = (table.len() - 1) as u32 * LINE_BYTES;
     let mut lines = Lines([0; PIECE_CAPACITY]);
     for (point, out) in out.iter_mut().enumerate() {
         // The first eight lanes, and the ninth.
@@ -136,17 +146,20 @@ unsafe fn shade_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[
                 // SAFETY: `append` vouches for 32 bytes to read and 32 lines to write; unaligned accesses.
                 unsafe {
                     let bytes = _mm_loadl_epi64(from.add(8 * part).cast());
-                    _mm256_storeu_si256(to.add(8 * part).cast(), _mm256_add_epi32(_mm256_cvtepu8_epi32(bytes), base));
+                    _mm256_storeu_si256(
+                        to.add(8 * part).cast(),
+                        _mm256_add_epi32(_mm256_slli_epi32::<6>(_mm256_cvtepu8_epi32(bytes)), base),
+                    );
                 }
             }
         };
         let sum = |lines: &[u32]| {
             for turn in lines.chunks_exact(TURN) {
                 for (k, pair) in turn.chunks_exact(2).enumerate() {
-                    // SAFETY: a line is a position of the cubemap or `end`, both inside the table; its rows are 64-byte aligned.
+                    // SAFETY: an offset is that of a position of the cubemap or `end`, both inside the table; its rows are 64-byte aligned.
                     unsafe {
                         let (from, to): (*const f32, *const f32) =
-                            (table.as_ptr().add(pair[0] as usize).cast(), table.as_ptr().add(pair[1] as usize).cast());
+                            (table.as_ptr().byte_add(pair[0] as usize).cast(), table.as_ptr().byte_add(pair[1] as usize).cast());
                         sums[k] = _mm256_add_ps(sums[k], _mm256_sub_ps(_mm256_load_ps(from), _mm256_load_ps(to)));
                         let ninth = _mm_sub_ss(_mm_load_ss(from.add(8)), _mm_load_ss(to.add(8)));
                         ninths[k] = _mm_add_ss(ninths[k], ninth);
