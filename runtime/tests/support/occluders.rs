@@ -52,7 +52,7 @@ impl Patch {
         &self.open[point * words..(point + 1) * words]
     }
 
-    /// `n` points along a serpentine on a floor with boxes and spheres on it; every eighth looks sideways.
+    /// `n` points 6 cm apart along a serpentine on a floor with boxes and spheres on it; every eighth looks sideways.
     pub fn among_occluders(face_resolution: usize, n: usize, seed: u64) -> Self {
         let mut noise = Noise(seed);
         let (boxes, spheres): (Vec<_>, Vec<_>) = {
@@ -68,6 +68,7 @@ impl Patch {
                 .collect();
             (boxes, spheres)
         };
+        let corner = [noise.next() * 4.0 - 2.5, noise.next() * 4.0 - 2.5];
         let mut position = Vec::new();
         let mut normal = Vec::new();
         let mut open = Vec::new();
@@ -75,7 +76,7 @@ impl Patch {
         for i in 0..n {
             let (row, column) = (i / side, i % side);
             let column = if row % 2 == 0 { column } else { side - 1 - column };
-            let p = [column as f64 * 6.0 / side as f64 - 3.0, 0.01, row as f64 * 6.0 / side as f64 - 3.0];
+            let p = [corner[0] + 0.06 * column as f64, 0.01, corner[1] + 0.06 * row as f64];
             let ns = if i % 8 == 7 { [0.6, 0.8, 0.0] } else { [0.0, 1.0, 0.0] };
             let hidden = |d: [f64; 3]| {
                 d[1] <= 0.0

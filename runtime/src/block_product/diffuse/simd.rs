@@ -29,6 +29,13 @@ pub(super) fn shade_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f3
 #[repr(C, align(64))]
 struct Lines([u32; PIECE_CAPACITY]);
 
+impl Lines {
+    /// The first `count`, an even number, as pairs: begin in the low half, end in the high one. One load for two: loads are what bounds the sum.
+    fn pairs(&self, count: usize) -> &[u64] {
+        bytemuck::cast_slice(&self.0[..count])
+    }
+}
+
 /// Appends a block's transitions to `lines`; `widen` stores the offsets of 32 of them from a pointer.
 ///
 /// # Safety
@@ -45,7 +52,7 @@ unsafe fn append(from: *const u8, count: usize, base: u32, to: *mut u32, widen: 
     }
 }
 
-/// Runs the sum of one point: decodes pieces with `widen` and sums them with `sum`, which takes whole turns of eight lines.
+/// Runs the sum of one point: decodes pieces with `widen` and sums them with `sum`, which takes whole turns of four pairs.
 ///
 /// # Safety
 /// `point` must come from a parsed [`Visibility`] of the cubemap whose last suffix line is `end`; `widen` and `sum` must be usable on this CPU.
@@ -55,7 +62,7 @@ unsafe fn for_each_piece(
     end: u32,
     lines: &mut Lines,
     widen: impl Fn(*const u8, u32, *mut u32) + Copy,
-    mut sum: impl FnMut(&[u32]),
+    mut sum: impl FnMut(&[u64]),
 ) {
     let mut positions = point.positions.as_ptr();
     let mut counts = point.counts.as_ptr();
@@ -84,7 +91,7 @@ unsafe fn for_each_piece(
             }
             if held > PIECE {
                 let whole = held / TURN * TURN;
-                sum(&lines.0[..whole]);
+                sum(lines.pairs(whole));
                 lines.0.copy_within(whole..held, 0);
                 held -= whole;
             }
@@ -92,7 +99,7 @@ unsafe fn for_each_piece(
     }
     // The last run may end with the sphere, whose line is zero; pairs of that line are zero too and fill the turn.
     lines.0[held..held + TURN].fill(end);
-    sum(&lines.0[..held.next_multiple_of(TURN)]);
+    sum(lines.pairs(held.next_multiple_of(TURN)));
 }
 
 const _: () = assert!(STREAM_PADDING >= 32);
@@ -114,12 +121,12 @@ unsafe fn shade_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [
                 }
             }
         };
-        let sum = |lines: &[u32]| {
+        let sum = |pairs: &[u64]| {
             // SAFETY: an offset is that of a position of the cubemap or `end`, both inside the table; its rows are 64-byte aligned.
             let line = |at: u32| unsafe { _mm512_load_ps(table.as_ptr().byte_add(at as usize).cast()) };
-            for turn in lines.chunks_exact(TURN) {
-                for (k, pair) in turn.chunks_exact(2).enumerate() {
-                    sums[k] = _mm512_add_ps(sums[k], _mm512_sub_ps(line(pair[0]), line(pair[1])));
+            for turn in pairs.chunks_exact(TURN / 2) {
+                for (k, pair) in turn.iter().enumerate() {
+                    sums[k] = _mm512_add_ps(sums[k], _mm512_sub_ps(line(*pair as u32), line((*pair >> 32) as u32)));
                 }
             }
         };
@@ -153,13 +160,13 @@ unsafe fn shade_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[
                 }
             }
         };
-        let sum = |lines: &[u32]| {
-            for turn in lines.chunks_exact(TURN) {
-                for (k, pair) in turn.chunks_exact(2).enumerate() {
+        let sum = |pairs: &[u64]| {
+            for turn in pairs.chunks_exact(TURN / 2) {
+                for (k, pair) in turn.iter().enumerate() {
                     // SAFETY: an offset is that of a position of the cubemap or `end`, both inside the table; its rows are 64-byte aligned.
                     unsafe {
                         let (from, to): (*const f32, *const f32) =
-                            (table.as_ptr().byte_add(pair[0] as usize).cast(), table.as_ptr().byte_add(pair[1] as usize).cast());
+                            (table.as_ptr().byte_add(*pair as u32 as usize).cast(), table.as_ptr().byte_add((*pair >> 32) as usize).cast());
                         sums[k] = _mm256_add_ps(sums[k], _mm256_sub_ps(_mm256_load_ps(from), _mm256_load_ps(to)));
                         let ninth = _mm_sub_ss(_mm_load_ss(from.add(8)), _mm_load_ss(to.add(8)));
                         ninths[k] = _mm_add_ss(ninths[k], ninth);
