@@ -52,23 +52,15 @@ impl Patch {
         &self.open[point * words..(point + 1) * words]
     }
 
-    /// `n` points 6 cm apart along a serpentine on a floor with boxes and spheres on it; every eighth looks sideways.
+    /// `n` points along a serpentine on a floor with boxes and spheres on it; every eighth looks sideways.
     pub fn among_occluders(face_resolution: usize, n: usize, seed: u64) -> Self {
         let mut noise = Noise(seed);
         let (boxes, spheres): (Vec<_>, Vec<_>) = {
             let mut place = || [noise.next() * 8.0 - 4.0, noise.next() * 8.0 - 4.0];
-            let boxes = (0..2).map(|i| (place(), [0.4 + 0.3 * i as f64, 0.8 + 0.6 * i as f64, 0.5])).collect();
-            // Three crowns of leaves, so that outlines are ragged as those of real things are.
-            let crowns: [[f64; 2]; 3] = std::array::from_fn(|_| place());
-            let spheres = (0..45)
-                .map(|i| {
-                    let (crown, [x, z]) = (crowns[i % 3], place());
-                    ([crown[0] + 0.12 * x, 0.5 + 0.012 * (i * 7 % 45) as f64, crown[1] + 0.12 * z], 0.12)
-                })
-                .collect();
+            let boxes = (0..3).map(|i| (place(), [0.4 + 0.2 * i as f64, 0.8 + 0.6 * i as f64, 0.5])).collect();
+            let spheres = (0..4).map(|i| (place(), 0.3 + 0.2 * i as f64)).collect();
             (boxes, spheres)
         };
-        let corner = [noise.next() * 4.0 - 2.5, noise.next() * 4.0 - 2.5];
         let mut position = Vec::new();
         let mut normal = Vec::new();
         let mut open = Vec::new();
@@ -76,12 +68,12 @@ impl Patch {
         for i in 0..n {
             let (row, column) = (i / side, i % side);
             let column = if row % 2 == 0 { column } else { side - 1 - column };
-            let p = [corner[0] + 0.06 * column as f64, 0.01, corner[1] + 0.06 * row as f64];
+            let p = [column as f64 * 6.0 / side as f64 - 3.0, 0.01, row as f64 * 6.0 / side as f64 - 3.0];
             let ns = if i % 8 == 7 { [0.6, 0.8, 0.0] } else { [0.0, 1.0, 0.0] };
             let hidden = |d: [f64; 3]| {
                 d[1] <= 0.0
                     || boxes.iter().any(|(c, half)| meets_box(p, d, [c[0], half[1], c[1]], *half))
-                    || spheres.iter().any(|(c, radius)| meets_sphere(p, d, *c, *radius))
+                    || spheres.iter().any(|(c, radius)| meets_sphere(p, d, [c[0], *radius + 0.2, c[1]], *radius))
             };
             open.extend(open_bits(face_resolution, |d| d[0] * ns[0] + d[1] * ns[1] + d[2] * ns[2] > 0.0 && !hidden(d)));
             position.push(p.map(|x| x as f32));
