@@ -154,8 +154,9 @@ fn main() {
         let (avx2, avx512) = (best("Avx2") / ns, best("Avx512") / ns);
         println!("{:<40} {ns:>10.0} {avx2:>12.1} {avx512:>12.1} {:>8.1}", method.name, method.decibels);
     }
+    // Far below what these fixed scenes give: a guard against a wrong answer, not a statement of accuracy.
     for method in &methods {
-        let mark = if method.name.starts_with("glossy") { 58.0 } else { 100.0 };
+        let mark = if method.name.starts_with("glossy") { 50.0 } else { 100.0 };
         assert!(method.decibels >= mark, "{}: {:.1} dB", method.name, method.decibels);
     }
 }

@@ -8,7 +8,9 @@ use prelight_runtime::asset::surface::PointSurfaces;
 use prelight_runtime::baseline::dense::{self, PixelLight};
 use prelight_runtime::baseline::pixel_product;
 use prelight_runtime::block_product::visibility::open_words;
-use prelight_runtime::block_product::{GLOSSY_TOLERANCE, Glossy, Light, SimdPath, shade_diffuse_with, shade_glossy, shade_glossy_with};
+use prelight_runtime::block_product::{
+    GLOSSY_FLOOR, GLOSSY_TOLERANCE, Glossy, Light, SimdPath, shade_diffuse_with, shade_glossy, shade_glossy_with,
+};
 use prelight_runtime::brdf::ggx;
 use prelight_runtime::environment::LightCubemap;
 
@@ -114,6 +116,9 @@ fn surfaces<'a>(roughness: &'a [f32], normal: &'a [[f32; 3]]) -> PointSurfaces<'
     PointSurfaces { normal, roughness, metallic: &[], material: &[] }
 }
 
+/// The tolerance is an aim. Of 8192 cases outside this test the worst was 8.7 tolerances off; twice that means that something broke.
+const WORST_OF_TOLERANCE: f64 = 16.0;
+
 #[test]
 fn glossy_is_the_oracle_within_its_tolerance_on_every_path() {
     let eye = [2.0, 1.2, 3.5];
@@ -130,6 +135,8 @@ fn glossy_is_the_oracle_within_its_tolerance_on_every_path() {
             .collect();
         for (at, texels) in lights(n).iter().enumerate() {
             let light = Light::prepare(texels);
+            let mean_radiance = texels.flux.as_flattened().iter().map(|f| f64::from(*f)).sum::<f64>() / (4.0 * std::f64::consts::PI);
+            let floor = f64::from(GLOSSY_FLOOR) * mean_radiance;
             let flat = |v: &[Glossy]| v.as_flattened().as_flattened().iter().map(|x| f64::from(*x)).collect::<Vec<_>>();
             for roughness in [0.0, 0.1, 0.3, 0.55, 1.0] {
                 let roughnesses = vec![roughness; visibility.len()];
@@ -143,14 +150,26 @@ fn glossy_is_the_oracle_within_its_tolerance_on_every_path() {
                         pixel_product::glossy(texels, patch.open_of(i), normal[i], v, roughness).into_iter().flatten()
                     })
                     .collect();
-                for (path, (tolerance, mark)) in SimdPath::all_available()
-                    .into_iter()
-                    .flat_map(|p| [(GLOSSY_TOLERANCE, 58.0), (0.1 * GLOSSY_TOLERANCE, 80.0), (0.0, 100.0)].map(|t| (p, t)))
-                {
+                for path in SimdPath::all_available() {
                     let mut out = vec![[[f32::NAN; 3]; 2]; visibility.len()];
-                    shade_glossy_with(path, tolerance, &light, &patch.position, &surfaces, &visibility, eye, &mut out);
-                    let db = decibels(flat(&out).into_iter(), truth.iter().copied());
-                    assert!(db >= mark, "n {n} light {at} roughness {roughness} tolerance {tolerance} {path:?}: {db:.1} dB");
+                    let mut shade = |tolerance| {
+                        shade_glossy_with(path, tolerance, &light, &patch.position, &surfaces, &visibility, eye, &mut out);
+                        flat(&out)
+                    };
+                    let db = decibels(shade(0.0).into_iter(), truth.iter().copied());
+                    assert!(db >= 100.0, "n {n} light {at} roughness {roughness} {path:?}: {db:.1} dB without tolerance");
+                    for tolerance in [GLOSSY_TOLERANCE, 0.1 * GLOSSY_TOLERANCE] {
+                        let got = shade(tolerance);
+                        for (point, (got, truth)) in got.chunks_exact(6).zip(truth.chunks_exact(6)).enumerate() {
+                            let off: f64 = got.iter().zip(truth).map(|(g, t)| (g - t).abs()).sum();
+                            let aim = f64::from(tolerance) * truth.iter().sum::<f64>().max(floor);
+                            assert!(
+                                off <= WORST_OF_TOLERANCE * aim,
+                                "n {n} light {at} roughness {roughness} {path:?} point {point}: {:.1} tolerances of {tolerance}",
+                                off / aim
+                            );
+                        }
+                    }
                 }
             }
         }

@@ -19,6 +19,6 @@ pub mod visibility;
 
 pub use diffuse::{shade_diffuse, shade_diffuse_with};
 pub use dispatch::SimdPath;
-pub use glossy::{GLOSSY_TOLERANCE, Glossy, shade_glossy, shade_glossy_with};
+pub use glossy::{GLOSSY_FLOOR, GLOSSY_TOLERANCE, Glossy, shade_glossy, shade_glossy_with};
 pub use light::Light;
 pub use visibility::{PointVisibility, Visibility};

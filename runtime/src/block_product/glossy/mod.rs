@@ -16,10 +16,10 @@
 //! A fully open one that is not bent is one sample at c. A bent one, and one with hidden texels that matters, is taken apart; what does not
 //! matter and has hidden texels is dropped. Runs across the horizon of the normal always count as bent.
 //! τ is `tolerance` / [`SHARES`] times the result, for cells a quarter of that. The result is guessed to be that of the point before (of the
-//! first one: from the brightness around the lobe), and summed once more where the guess was more than four times too high. Results below [`FLOOR`] of the sphere's mean radiance are held to that instead.
+//! first one: from the brightness around the lobe), and summed once more where the guess was more than four times too high. Results below [`GLOSSY_FLOOR`] of the sphere's mean radiance are held to that instead.
 //!
 //! A lobe that needs normalising is summed over the solid angles of all texels in the same way first.
-//! Lossy: by about the tolerance, relative (tested at 1e-3 and 1e-4: 58 and 80 dB and better). Zero gives the plain sum.
+//! Lossy: by about the tolerance; how often by more, see [`GLOSSY_TOLERANCE`]. Zero gives the plain sum, 100 dB and better.
 
 mod scalar;
 #[cfg(target_arch = "x86_64")]
@@ -34,10 +34,13 @@ use crate::asset::surface::PointSurfaces;
 /// Glossy radiance of a point toward the eye, `[term][channel]`: radiance = F0 · \[0\] + \[1\], W·sr⁻¹·m⁻².
 pub type Glossy = [[f32; 3]; 2];
 
-/// Relative error that [`shade_glossy`] aims at: 58 dB at worst over lights, surfaces and views of the tests, 60 to 100 in most.
+/// Error that [`shade_glossy`] aims at, relative to the point's result or to [`GLOSSY_FLOOR`] times the sphere's mean radiance if that is more.
+///
+/// An aim, not a bound. Measured on 8192 points × surfaces of 32 random scenes that nothing was tuned on (both terms, all channels, absolute
+/// errors summed): half within 0.13 of it, 95 % within 1.2, 99 % within 2.1, the worst 8.7. At a tenth of it the same shares hold.
 pub const GLOSSY_TOLERANCE: f32 = 1e-3;
 /// Share of the sphere's mean radiance below which a result needs no relative accuracy.
-pub const FLOOR: f32 = 1e-2;
+pub const GLOSSY_FLOOR: f32 = 1e-2;
 /// Half the second derivative of q⁻² along l, relative, in units of 1 / (a_x² q): 2 at the peak, 8 in the tail.
 const CURVATURE: f32 = 4.0;
 /// The same of Schlick's (1 − v·h)⁵ where it counts.
@@ -86,7 +89,7 @@ pub fn shade_glossy_with(
     assert_eq!(light.face_resolution(), visibility.face_resolution(), "light and visibility of the same cubemap");
     let path = path.available();
     let blocks = light.flux.blocks.weight.len();
-    let floor = FLOOR * light.mean_radiance;
+    let floor = GLOSSY_FLOOR * light.mean_radiance;
     let (mut everything, mut seen) = (Seen::new(), Seen::new());
     everything.open[..blocks / GROUP].fill(u16::MAX);
     // What the neighbour before gave is the best guess of a result.
