@@ -17,6 +17,7 @@
 use crate::asset::mesh::Mesh;
 use crate::asset::{Asset, AssetPatch};
 use crate::block_product::{Glossy, Light, shade_diffuse, shade_glossy};
+use crate::draw::at_points::{PointImage, draw_at_points};
 use crate::draw::camera::Camera;
 use crate::draw::raster::Visibility;
 use crate::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
@@ -161,6 +162,18 @@ impl<'a> Relighter<'a> {
 
     /// Draws a view with the light of the last [`Relighter::shade`]; `background` gives radiance where nothing is.
     pub fn draw(&self, view: &View, background: &(dyn Fn([f32; 3]) -> [f32; 3] + Sync), clay: bool) -> Result<Frame, RuntimeError> {
+        self.with_scene(background, clay, |scene| draw_visible(scene, &view.visibility))
+    }
+
+    /// Draws each pixel of a view at the point that weighs most in it: the error at points, without interpolation's.
+    ///
+    /// # Errors
+    /// As [`Relighter::draw`].
+    pub fn draw_at_points(&self, view: &View, clay: bool) -> Result<PointImage, RuntimeError> {
+        self.with_scene(&|_| [0.0; 3], clay, |scene| draw_at_points(scene, &view.visibility))
+    }
+
+    fn with_scene<T>(&self, background: &(dyn Fn([f32; 3]) -> [f32; 3] + Sync), clay: bool, f: impl FnOnce(&DrawScene) -> T) -> T {
         let objects: Vec<DrawObject> = (self.asset.objects.iter().zip(self.meshes()))
             .map(|(object, mesh)| DrawObject {
                 mesh,
@@ -170,8 +183,7 @@ impl<'a> Relighter<'a> {
             })
             .collect();
         let (materials, textures) = (self.asset.materials(), self.asset.textures());
-        let scene = DrawScene { objects: &objects, materials, textures: &textures, background, clay };
-        draw_visible(&scene, &view.visibility)
+        f(&DrawScene { objects: &objects, materials, textures: &textures, background, clay })
     }
 
     fn meshes(&self) -> Vec<Mesh<'a>> {

@@ -4,7 +4,7 @@ use super::args::{BakeKnobs, SceneArgs, ViewArgs};
 use super::bake::BakeArgs;
 use super::opened::{self, open_asset, open_environment};
 use super::render::{Picture, relight, set_metrics, write_image};
-use super::truth::trace_reference;
+use super::truth::Truth;
 use super::{Context, Failure, Summary};
 use clap::Args;
 use prelight_bake::demo::write_scene;
@@ -67,12 +67,12 @@ fn picture(asset: &Asset, camera: &str, light: &str, path: &Path, size: (u32, u3
         Ok(Picture { camera: opened::camera(asset, &view(size))?, size: [size.0 as usize, size.1 as usize], samples: 16, clay: false })
     };
     let mut row = Summary::new();
-    let frame = relight(asset, &environment, &wanted(size)?, &mut row)?;
+    let frame = relight(asset, &environment, &wanted(size)?, &mut row)?.frame;
     write_image(&frame.image, path, automatic_exposure(&frame.image, &frame.mask))?;
     drop(stage);
     let small = wanted(((size.0 / REFERENCE_SHARE).max(1), (size.1 / REFERENCE_SHARE).max(1)))?;
-    let truth = trace_reference(asset, &environment, &small, REFERENCE_SAMPLES, 0, context)?;
-    let small = relight(asset, &environment, &small, &mut Summary::new())?;
+    let truth = Truth::new(asset, &environment, REFERENCE_SAMPLES, 0).picture(&small, context)?;
+    let small = relight(asset, &environment, &small, &mut Summary::new())?.frame;
     let metrics = compare(&small.image, &truth.images.image, &truth.images.mask, None, Some([&truth.images.half_a, &truth.images.half_b]))?;
     set_metrics(&mut row, &metrics);
     row.set("image", path.display().to_string()).set("camera", camera).set("environment", light).set("seconds.reference", truth.seconds);

@@ -4,17 +4,18 @@ use super::args::{ViewArgs, finite};
 use super::bake::round;
 use super::opened::{camera, open_asset, open_environment};
 use super::output::write_atomically;
-use super::truth::trace_reference;
+use super::truth::{Truth, split_error};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_runtime::asset::Asset;
+use prelight_runtime::draw::at_points::PointImage;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{Metrics, compare};
 use prelight_runtime::draw::shade::Frame;
 use prelight_runtime::draw::tonemap::{automatic_exposure, expose, exposure_from_ev};
 use prelight_runtime::environment::{Environment, LightCubemap};
-use prelight_runtime::relight::Relighter;
+use prelight_runtime::relight::{Relighter, View};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -47,6 +48,9 @@ pub struct RenderArgs {
     /// Also trace the truth with SPP samples a pixel, write it beside the image and print how far off the bake is
     #[arg(long, value_name = "SPP", value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub reference: Option<u32>,
+    /// Say how much of the error is at points and how much interpolation adds; as long again as the reference
+    #[arg(long, requires = "reference", conflicts_with = "reference_only")]
+    pub split: bool,
     /// Write only the reference
     #[arg(long, requires = "reference")]
     pub reference_only: bool,
@@ -70,7 +74,7 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     summary.set("image", args.output.display().to_string());
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
     let picture = Picture { camera, size, samples: args.samples as usize, clay: args.clay };
-    let frame = if args.reference_only { None } else { Some(relight(&asset, &environment, &picture, &mut summary)?) };
+    let relit = if args.reference_only { None } else { Some(relight(&asset, &environment, &picture, &mut summary)?) };
     summary.set("seconds.open", open);
     summary.set("camera.eye", floats(camera.eye)).set("camera.look_at", floats(camera.look_at)).set("camera.up", floats(camera.up));
     summary.set("camera.fov_y_deg", round(camera.fov_y_deg));
@@ -78,18 +82,22 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     let exposure = args.exposure.map(exposure_from_ev);
     let mut used = exposure;
     if let Some(spp) = args.reference {
-        let truth = trace_reference(&asset, &environment, &picture, spp, args.bounces, context)?;
+        let tracer = Truth::new(&asset, &environment, spp, args.bounces);
+        let truth = tracer.picture(&picture, context)?;
         let path = if args.reference_only { args.output.clone() } else { reference_path(&args.output) };
         used = Some(exposure.unwrap_or_else(|| automatic_exposure(&truth.images.image, &truth.images.mask)));
-        if let Some(frame) = &frame {
+        if let Some(relit) = &relit {
             let halves = Some([&truth.images.half_a, &truth.images.half_b]);
-            let metrics = compare(&frame.image, &truth.images.image, &truth.images.mask, exposure, halves)?;
+            let metrics = compare(&relit.frame.image, &truth.images.image, &truth.images.mask, exposure, halves)?;
             set_metrics(&mut summary, &metrics);
+            if args.split {
+                split_error(&tracer, &picture, relit, &truth, context, &mut summary)?;
+            }
         }
         summary.set("reference", path.display().to_string()).set("seconds.reference", truth.seconds).set("rays", truth.images.rays);
         write_image(&truth.images.image, &path, used.unwrap_or(1.0))?;
     }
-    if let Some(frame) = &frame {
+    if let Some(Relit { frame, .. }) = &relit {
         let exposure = used.unwrap_or_else(|| automatic_exposure(&frame.image, &frame.mask));
         summary.set("exposure", f64::from(exposure));
         write_image(&frame.image, &args.output, exposure)?;
@@ -106,8 +114,22 @@ pub struct Picture {
     pub clay: bool,
 }
 
+/// A picture drawn from a bake, and what drew it.
+pub struct Relit<'a> {
+    relighter: Relighter<'a>,
+    view: View,
+    pub frame: Frame,
+}
+
+impl Relit<'_> {
+    /// The same pixels, each moved to a point.
+    pub fn at_points(&self, clay: bool) -> Result<PointImage, Failure> {
+        Ok(self.relighter.draw_at_points(&self.view, clay)?)
+    }
+}
+
 /// The picture from the bake alone.
-pub fn relight(asset: &Asset, environment: &Environment, picture: &Picture, summary: &mut Summary) -> Result<Frame, Failure> {
+pub fn relight<'a>(asset: &'a Asset, environment: &Environment, picture: &Picture, summary: &mut Summary) -> Result<Relit<'a>, Failure> {
     let clock = Instant::now();
     let (light, energy) = LightCubemap::from_environment(environment, asset.manifest().content.face_resolution as usize);
     let mut relighter = Relighter::new(asset);
@@ -123,7 +145,7 @@ pub fn relight(asset: &Asset, environment: &Environment, picture: &Picture, summ
     let clock = Instant::now();
     let frame = relighter.draw(&view, &|direction| environment.radiance(direction), picture.clay)?;
     summary.set("seconds.draw", raster + clock.elapsed().as_secs_f64());
-    Ok(frame)
+    Ok(Relit { relighter, view, frame })
 }
 
 /// Marks over the mask at the top level, the whole frame below `frame`.

@@ -26,7 +26,7 @@ use crate::scene::Scene;
 use crate::scene::world::{Occlusion, World, has_area};
 use crate::trace::{OccluderOptions, Occluders};
 use hit::Surfaces;
-use path::Tracer;
+use path::{Seen, Tracer};
 use prelight_runtime::draw::camera::{Camera, CameraRays};
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::relative_l2;
@@ -40,6 +40,9 @@ pub const EDGE_LENGTH: f32 = 0.05;
 
 /// Samples a pixel of the first round of an adaptive reference.
 const FIRST_ROUND: u32 = 16;
+
+/// A ray met its target when it went this share of the way, more or less.
+const ON_TARGET: f32 = 1e-3;
 
 /// How directions to the light are found. All have the same mean; the single ones are there to check the combination.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -130,9 +133,56 @@ pub fn render_reference(
     options: &ReferenceOptions,
     progress: &dyn Progress,
 ) -> Result<ReferenceImages, BakeError> {
-    let (width, height) = (options.width, options.height);
-    let rays = CameraRays::new(camera, width, height)?;
-    let tracer = Tracer {
+    let rays = CameraRays::new(camera, options.width, options.height)?;
+    let tracer = tracer(scene, world, occluders, environment, options);
+    let sample = |x: usize, y: usize, sequence: Sequence| {
+        let [dx, dy] = sequence.pair(0);
+        tracer.camera(rays.eye(), rays.direction_f64(x as f64 + dx, y as f64 + dy).map(|c| c as f32), sequence)
+    };
+    sample_pixels(options, progress, &sample)
+}
+
+/// Traces what the eye sees of places on surfaces, `[height · width]`, row by row: pixels without a target, and those whose target something
+/// hides, are out of the mask.
+///
+/// # Errors
+/// [`BakeError::Cancelled`] when `progress` says so.
+///
+/// # Panics
+/// When there is not one target a pixel.
+pub fn render_targets(
+    scene: &Scene,
+    world: &World,
+    occluders: &Occluders,
+    environment: &Environment,
+    eye: [f32; 3],
+    targets: &[Option<[f32; 3]>],
+    options: &ReferenceOptions,
+    progress: &dyn Progress,
+) -> Result<ReferenceImages, BakeError> {
+    assert!(targets.len() == options.width * options.height, "one target a pixel");
+    let tracer = tracer(scene, world, occluders, environment, options);
+    let sample = |x: usize, y: usize, sequence: Sequence| {
+        let Some(target) = targets[y * options.width + x] else {
+            return Seen { radiance: [0.0; 3], is_hit: false, distance: f32::INFINITY, rays: 0 };
+        };
+        let toward: [f32; 3] = std::array::from_fn(|k| target[k] - eye[k]);
+        let length = toward.iter().map(|v| v * v).sum::<f32>().sqrt();
+        let mut seen = tracer.camera(eye, toward.map(|v| v / length), sequence);
+        seen.is_hit = (seen.distance - length).abs() <= ON_TARGET * length;
+        seen
+    };
+    sample_pixels(options, progress, &sample)
+}
+
+fn tracer<'a>(
+    scene: &'a Scene,
+    world: &'a World,
+    occluders: &'a Occluders,
+    environment: &'a Environment,
+    options: &'a ReferenceOptions,
+) -> Tracer<'a> {
+    Tracer {
         surfaces: Surfaces { scene, world, clay: options.clay, edge_lengths: &options.edge_lengths },
         occluders,
         see_through: see_through(scene, world),
@@ -140,7 +190,16 @@ pub fn render_reference(
         sampler: EnvironmentSampler::new(environment),
         bounces: options.bounces,
         strategy: options.strategy,
-    };
+    }
+}
+
+/// Means of `sample(x, y, sequence)`.
+fn sample_pixels(
+    options: &ReferenceOptions,
+    progress: &dyn Progress,
+    sample: &(dyn Fn(usize, usize, Sequence) -> Seen + Sync),
+) -> Result<ReferenceImages, BakeError> {
+    let (width, height) = (options.width, options.height);
     let most = options.samples_per_pixel.clamp(1, u32::MAX / 2).div_ceil(2);
     let mut pixels = vec![Pixel::default(); width * height];
     let cast = AtomicU64::new(0);
@@ -157,9 +216,7 @@ pub fn render_reference(
                 for half in 0..2 {
                     for index in done..until {
                         let sequence = Sequence::new(options.seed, (y * width + x) as u64, half as u64, index);
-                        let [dx, dy] = sequence.pair(0);
-                        let direction = rays.direction_f64(x as f64 + dx, y as f64 + dy).map(|c| c as f32);
-                        let seen = tracer.camera(rays.eye(), direction, sequence);
+                        let seen = sample(x, y, sequence);
                         (0..3).for_each(|k| pixel.halves[half][k] += seen.radiance[k]);
                         pixel.hits += u32::from(seen.is_hit);
                         row_rays += seen.rays;

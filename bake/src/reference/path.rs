@@ -40,6 +40,8 @@ pub(super) struct Seen {
     pub radiance: [f64; 3],
     /// A surface was hit.
     pub is_hit: bool,
+    /// To the nearest surface, in lengths of the direction; infinite when nothing was hit.
+    pub distance: f32,
     pub rays: u64,
 }
 
@@ -65,13 +67,18 @@ impl Tracer<'_> {
     /// Radiance along a camera ray. Pair 0 of the sequence belongs to the caller.
     pub fn camera(&self, eye: [f32; 3], direction: [f32; 3], sequence: Sequence) -> Seen {
         let mut walk = Walk { sequence, next_group: 1, rays: 0 };
-        let (mut radiance, mut share, mut is_hit) = ([0.0; 3], 1.0f32, false);
+        let (mut radiance, mut share, mut distance) = ([0.0; 3], 1.0f32, f32::INFINITY);
         let mut passed = Vec::new();
         let view = direction.map(|c| -c);
         for _ in 0..MOST_LAYERS {
             let Some((hit, blocks)) = self.nearest(eye, direction, &passed, &mut walk) else {
                 let sky = self.environment.radiance(direction);
-                return Seen { radiance: add(radiance, multiply([1.0; 3], sky, f64::from(share))), is_hit, rays: walk.rays };
+                return Seen {
+                    radiance: add(radiance, multiply([1.0; 3], sky, f64::from(share))),
+                    is_hit: distance.is_finite(),
+                    distance,
+                    rays: walk.rays,
+                };
             };
             let met = self.surfaces.meet(hit);
             passed.push(hit.triangle);
@@ -80,7 +87,7 @@ impl Tracer<'_> {
             if met.culled || !(blocks || met.is_there()) || alpha <= 0.0 {
                 continue;
             }
-            is_hit = true;
+            distance = distance.min(hit.t);
             let seen = self.leaving(&met, view, &mut walk);
             radiance = add(radiance, seen.map(|c| c * f64::from(share * alpha)));
             share *= 1.0 - alpha;
@@ -88,7 +95,7 @@ impl Tracer<'_> {
                 break;
             }
         }
-        Seen { radiance, is_hit, rays: walk.rays }
+        Seen { radiance, is_hit: distance.is_finite(), distance, rays: walk.rays }
     }
 
     /// The nearest surface, and whether it is one that blocks light.

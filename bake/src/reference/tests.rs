@@ -236,3 +236,22 @@ fn a_noise_target_stops_early_and_cancelling_stops_at_once() {
     let stopped = render_reference(&scene, &world, &occluders, &white(), &camera, &options(8, 1 << 30), &Stopped);
     assert!(matches!(stopped, Err(BakeError::Cancelled)));
 }
+
+#[test]
+fn a_target_is_seen_as_its_pixel_is_and_a_hidden_one_leaves_the_mask() {
+    let mut scene = scene();
+    floor(&mut scene, 5.0, 0);
+    add(&mut scene, "box", vec![cuboid([1.0, 0.0, -0.5], [2.0, 1.0, 0.5], false, 0)], IDENTITY);
+    let (world, environment) = (World::build(&scene), white());
+    let occluders = Occluders::build(&world, &scene.textures, OccluderOptions { leaf_size: 16, ..OccluderOptions::default() });
+    let eye = [0.0, 0.5, 0.0];
+    // Beside the box, behind the box, nowhere.
+    let targets = [Some([0.9, 0.0, 0.0]), Some([3.0, 0.0, 0.0]), None];
+    let options = ReferenceOptions { width: 3, height: 1, ..clay(1, 8192) };
+    let images = render_targets(&scene, &world, &occluders, &environment, eye, &targets, &options, &Silent).unwrap();
+    assert_eq!(images.mask, [true, false, false]);
+    assert_eq!(images.image.pixels[2], [0.0; 3]);
+    let pixel = render(&scene, &environment, &look(eye, [0.9, 0.0, 0.0], 1.0), &clay(1, 8192));
+    // Two independent means of 8192 samples of a bounded integrand.
+    assert!((images.image.pixels[0][0] - pixel.image.pixels[0][0]).abs() < 0.01, "{:?} {:?}", images.image.pixels, pixel.image.pixels);
+}

@@ -125,6 +125,27 @@ pub fn relative_l2(test: &Image, reference: &Image, mask: &[bool]) -> Option<f64
     if error == 0.0 { Some(0.0) } else { (power > 0.0).then(|| (error / power).sqrt()) }
 }
 
+/// relative_l2 freed of the reference's noise: √(Σ(t − a)·(t − b) / Σ a·b) over the mask, `a` and `b` independent images of one truth.
+///
+/// The noise of one half is independent of the other's, so it averages out of both sums where a square would add it. `None` when the
+/// truth is black; 0 when what is left of the error is lost in noise.
+///
+/// # Panics
+/// When sizes differ.
+pub fn unbiased_relative_l2(test: &Image, [a, b]: [&Image; 2], mask: &[bool]) -> Option<f64> {
+    let same = |image: &Image| image.pixels.len() == mask.len();
+    assert!(same(test) && same(a) && same(b), "images and mask of one size");
+    let (mut error, mut power) = (0.0, 0.0);
+    for i in (0..mask.len()).filter(|i| mask[*i]) {
+        for k in 0..3 {
+            let [t, a, b] = [test, a, b].map(|image| f64::from(image.pixels[i][k]));
+            error += (t - a) * (t - b);
+            power += a * b;
+        }
+    }
+    (power > 0.0).then(|| (error.max(0.0) / power).sqrt())
+}
+
 fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f64 {
     (0..3).map(|k| (f64::from(a[k]) - f64::from(b[k])) * (f64::from(a[k]) - f64::from(b[k]))).sum()
 }
@@ -175,6 +196,21 @@ mod tests {
         assert_eq!((metrics.mask_share, metrics.reference_noise), (0.5, Some(0.0)));
         let noisy = compare(&test, &reference, &[], None, Some([&test, &reference])).unwrap();
         assert!(noisy.is_bound());
+    }
+
+    #[test]
+    fn noise_of_the_reference_does_not_count_as_error() {
+        // Truth 1, ours 1.02, halves with noise of standard deviation 0.29: squares would say 0.2.
+        let n = 256;
+        let flat = |f: &dyn Fn(u32) -> f32| Image { width: n, height: n, pixels: (0..(n * n) as u32).map(|i| [f(i); 3]).collect() };
+        let (a, b) = (flat(&|i| 0.5 + random(2 * i)), flat(&|i| 0.5 + random(2 * i + 1)));
+        let ours = flat(&|_| 1.02);
+        let error = unbiased_relative_l2(&ours, [&a, &b], &vec![true; n * n]).unwrap();
+        // Standard error of the mean product is 1e-3 / 2e-2: the root moves by less than 0.01.
+        assert!((error - 0.02).abs() < 0.01, "{error}");
+        assert!(relative_l2(&ours, &a, &vec![true; n * n]).unwrap() > 0.2);
+        assert_eq!(unbiased_relative_l2(&ours, [&ours, &ours], &vec![true; n * n]), Some(0.0));
+        assert_eq!(unbiased_relative_l2(&ours, [&Image::black(n, n), &Image::black(n, n)], &vec![true; n * n]), None);
     }
 
     #[test]

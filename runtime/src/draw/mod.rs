@@ -2,6 +2,7 @@
 //!
 //! [`raster::Visibility`] finds what each sample sees, [`shade::draw_visible`] turns light at points into an [`image::Image`].
 
+pub mod at_points;
 pub mod camera;
 pub mod flip;
 pub mod framing;
@@ -19,6 +20,7 @@ mod raster_tests;
 #[cfg(test)]
 mod shade_tests;
 
+pub use at_points::{PointImage, draw_at_points};
 pub use camera::{Camera, CameraRays, SceneCamera};
 pub use framing::automatic_view;
 pub use image::Image;

@@ -83,15 +83,7 @@ pub fn draw(scene: &DrawScene, camera: &Camera, size: [usize; 2], samples: usize
 /// # Errors
 /// When an object's arrays are shorter than the points that its mesh names.
 pub fn draw_visible(scene: &DrawScene, visibility: &Visibility) -> Result<Frame, RuntimeError> {
-    for object in scene.objects {
-        let points = object.mesh.point_front.iter().chain(object.mesh.point_back).filter(|p| **p != NO_POINT);
-        let needed = points.max().map_or(0, |p| *p as usize + 1);
-        let short = |len: usize, may_lack: bool| len < needed && !(may_lack && len == 0);
-        if short(object.irradiance.len(), false) || short(object.glossy.len(), true) || short(object.point_flags.len(), true) {
-            let what = format!("light for {} points, its mesh names {needed}", object.irradiance.len());
-            return Err(RuntimeError::Chunk { kind: "mesh", digest: String::new(), what });
-        }
-    }
+    check_light(scene)?;
     let (width, height) = (visibility.width, visibility.height);
     let tiles_x = width.div_ceil(TILE);
     let tiles = map_indices(visibility.tiles.len(), |tile| {
@@ -113,25 +105,39 @@ pub fn draw_visible(scene: &DrawScene, visibility: &Visibility) -> Result<Frame,
     Ok(Frame { image, coverage, mask })
 }
 
+/// Every object has light for the points that its mesh names.
+pub(super) fn check_light(scene: &DrawScene) -> Result<(), RuntimeError> {
+    for object in scene.objects {
+        let points = object.mesh.point_front.iter().chain(object.mesh.point_back).filter(|p| **p != NO_POINT);
+        let needed = points.max().map_or(0, |p| *p as usize + 1);
+        let short = |len: usize, may_lack: bool| len < needed && !(may_lack && len == 0);
+        if short(object.irradiance.len(), false) || short(object.glossy.len(), true) || short(object.point_flags.len(), true) {
+            let what = format!("light for {} points, its mesh names {needed}", object.irradiance.len());
+            return Err(RuntimeError::Chunk { kind: "mesh", digest: String::new(), what });
+        }
+    }
+    Ok(())
+}
+
 /// A triangle, gathered once for its fragments.
-struct Gathered<'a> {
+pub(super) struct Gathered<'a> {
     id: u32,
-    edges: Edges,
-    corners: [usize; 3],
-    mesh: &'a Mesh<'a>,
+    pub(super) edges: Edges,
+    pub(super) corners: [usize; 3],
+    pub(super) mesh: &'a Mesh<'a>,
     object: &'a DrawObject<'a>,
     /// Points that light the visible side; `None` for corners that leave the interpolation.
-    points: [Option<usize>; 3],
+    pub(super) points: [Option<usize>; 3],
     material: Option<&'a Material>,
     /// Texels along u and v of the largest texture, [0, 0] without textures.
     texels: [f32; 2],
     tangent_from_uv: Option<[f32; 4]>,
 }
 
-struct Shader<'a> {
-    scene: &'a DrawScene<'a>,
-    visibility: &'a Visibility,
-    origin: [usize; 2],
+pub(super) struct Shader<'a> {
+    pub(super) scene: &'a DrawScene<'a>,
+    pub(super) visibility: &'a Visibility,
+    pub(super) origin: [usize; 2],
 }
 
 impl<'a> Shader<'a> {
@@ -259,7 +265,7 @@ impl<'a> Shader<'a> {
         (texels.ceil() as u32).clamp(1, covered)
     }
 
-    fn gather(&self, id: u32) -> Option<Gathered<'a>> {
+    pub(super) fn gather(&self, id: u32) -> Option<Gathered<'a>> {
         let (object, triangle) = self.visibility.locate(id);
         let object = &self.scene.objects[object];
         let mesh = &object.mesh;
@@ -291,6 +297,12 @@ impl<'a> Shader<'a> {
     /// Radiance and alpha at pixel coordinates.
     fn place(&self, gathered: &Gathered, x: f64, y: f64) -> ([f32; 3], f32) {
         let weights = gathered.edges.weights(x, y);
+        self.place_at(gathered, weights, weights, self.visibility.rays.direction(x as f32, y as f32))
+    }
+
+    /// Radiance and alpha where the corners weigh `weights`, seen along the unit direction `view`, in the light that the corners'
+    /// points give by `light_weights`.
+    pub(super) fn place_at(&self, gathered: &Gathered, weights: [f32; 3], light_weights: [f32; 3], view: [f32; 3]) -> ([f32; 3], f32) {
         let Gathered { mesh, corners, .. } = gathered;
         let uv = |uvs: &[[f32; 2]]| if uvs.is_empty() { [0.0; 2] } else { blend_corners(weights, corners.map(|v| uvs[v])) };
         let color = if mesh.color.is_empty() { [1.0; 4] } else { blend_corners(weights, corners.map(|v| mesh.color[v])) };
@@ -298,7 +310,7 @@ impl<'a> Shader<'a> {
             Some(material) => resolve(material, self.scene.textures, uv(mesh.uv0), uv(mesh.uv1), color),
             None => resolve(&Material { metallic: 0.0, ..Material::default() }, &[], [0.0; 2], [0.0; 2], [1.0; 4]),
         };
-        let (irradiance, glossy) = self.light(gathered, weights);
+        let (irradiance, glossy) = self.light(gathered, light_weights);
         let side = if gathered.edges.front { 1.0 } else { -1.0 };
         let front_normal = self.front_normal(gathered, weights);
         let mut normal = front_normal;
@@ -318,7 +330,6 @@ impl<'a> Shader<'a> {
         if self.scene.clay {
             return (received.map(|e| e * (CLAY_ALBEDO / PI)), surface.alpha);
         }
-        let view = self.visibility.rays.direction(x as f32, y as f32);
         let n_dot_v = -(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]);
         (radiance(&surface, n_dot_v, received, glossy), surface.alpha)
     }
@@ -370,7 +381,7 @@ fn coordinates(mesh: &Mesh, reference: &TextureRef, vertex: usize) -> [f32; 2] {
 }
 
 /// Splits off the fragments of `pixel` from the front of a list that is sorted by pixel.
-fn take_pixel<'f>(list: &mut &'f [Fragment], pixel: usize) -> &'f [Fragment] {
+pub(super) fn take_pixel<'f>(list: &mut &'f [Fragment], pixel: usize) -> &'f [Fragment] {
     let count = list.iter().take_while(|fragment| usize::from(fragment.pixel) == pixel).count();
     let (taken, rest) = list.split_at(count);
     *list = rest;

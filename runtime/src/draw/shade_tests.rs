@@ -1,4 +1,6 @@
+use super::at_points::{INSET, draw_at_points};
 use super::camera::{Camera, CameraRays};
+use super::raster::Visibility;
 use super::raster_tests::{Soup, front_camera, material, random};
 use super::shade::{CLAY_ALBEDO, DrawObject, DrawScene, Frame, draw, radiance};
 use crate::asset::mesh::{Mesh, NO_POINT};
@@ -269,4 +271,34 @@ fn light_for_too_few_points_is_an_error() {
     let soup = square(1.0, 0.0);
     let scene = DrawScene { objects: &[object(&soup, &[[[0.0; 3]; 3]; 3])], materials: &[], textures: &[], background: BLACK, clay: false };
     assert!(draw(&scene, &front_camera(), [8, 8], 1).is_err());
+}
+
+#[test]
+fn at_points_every_pixel_shows_the_light_of_one_point_and_says_where() {
+    let soup = square(1.0, 0.0);
+    let light = [1.0, 2.0, 3.0, 4.0];
+    let irradiance = light.map(toward_z);
+    let objects = [object(&soup, &irradiance)];
+    let camera = front_camera();
+    let scene =
+        DrawScene { objects: &objects, materials: &[material(false, AlphaMode::Opaque)], textures: &[], background: BLACK, clay: true };
+    let visibility = Visibility::new(&[soup.mesh()], scene.materials, &[], &camera, [64, 64], 4).unwrap();
+    let drawn = draw_at_points(&scene, &visibility).unwrap();
+    let mut seen = [0; 4];
+    for (pixel, target) in drawn.image.pixels.iter().zip(&drawn.targets) {
+        let Some(target) = target else {
+            assert_eq!(*pixel, [0.0; 3]);
+            continue;
+        };
+        let point = (0..4).min_by(|a, b| distance(soup.position[*a], *target).total_cmp(&distance(soup.position[*b], *target))).unwrap();
+        // The place is INSET of the way along both sides of at most 2√2.
+        assert!(distance(soup.position[point], *target) < 2.0 * INSET * 2.0 * 2f32.sqrt(), "{target:?}");
+        assert!((pixel[0] - light[point] * CLAY_ALBEDO / PI).abs() < 1e-6, "{pixel:?} {point}");
+        seen[point] += 1;
+    }
+    assert!(seen.iter().all(|count| *count > 30), "{seen:?}");
+}
+
+fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
+    (0..3).map(|k| (a[k] - b[k]) * (a[k] - b[k])).sum::<f32>().sqrt()
 }
