@@ -1,7 +1,7 @@
 //! From the path that a person gave to a scene manifest and the folder that its paths are relative to.
 
 use super::overrides::{self, ObjectKnobs};
-use super::{Scene, gltf};
+use super::{Scene, gltf, smooth};
 use crate::error::BakeError;
 use prelight_manifests::SceneManifest;
 use prelight_manifests::scene::EnvironmentEntry;
@@ -79,6 +79,7 @@ impl SceneInput {
         overrides::apply_materials(&self.manifest, &mut scene)?;
         let (knobs, warnings) = overrides::object_knobs(&self.manifest, &scene.objects)?;
         scene.warnings.extend(warnings);
+        smooth::apply(&mut scene.objects, &knobs);
         Ok(LoadedScene { scene, knobs })
     }
 

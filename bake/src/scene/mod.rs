@@ -24,6 +24,7 @@ pub mod overrides;
 mod resource;
 #[cfg(test)]
 mod shared_scenes;
+mod smooth;
 mod tangent;
 mod texture;
 mod warnings;
@@ -80,7 +81,7 @@ pub struct Mesh {
 pub struct Primitive {
     /// Local position, finite.
     pub positions: Vec<[f32; 3]>,
-    /// Local normal; `None` means flat, as glTF demands. May hold zero vectors: those corners are flat too.
+    /// Local normal; `None` means flat, as glTF demands, unless `smooth_angle_deg` asks for more. May hold zero vectors: those corners are flat too.
     pub normals: Option<Vec<[f32; 3]>>,
     /// Tangent and bitangent sign.
     pub tangents: Option<Vec<[f32; 4]>>,

@@ -20,6 +20,8 @@ const DEFAULT_CUTOFF: f32 = 0.5;
 pub struct ObjectKnobs {
     /// Edge length aimed at, metres; `None` where neither `[bake]` nor a rule sets one.
     pub edge_length: Option<f64>,
+    /// Faces without normals are smoothed up to this angle, degrees; `None`: they are flat.
+    pub smooth_angle_deg: Option<f64>,
     /// How transport is represented; never `Auto`.
     pub technique: Technique,
     /// The rest.
@@ -105,6 +107,7 @@ pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec
                 section.quality = rule.quality.unwrap_or(section.quality);
                 section.technique = rule.technique.unwrap_or(section.technique);
                 section.edge_length = rule.edge_length.or(section.edge_length);
+                section.smooth_angle_deg = rule.smooth_angle_deg.or(section.smooth_angle_deg);
                 n_matches += 1;
             }
         }
@@ -114,6 +117,7 @@ pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec
     }
     let resolve = |section: prelight_manifests::scene::BakeSection| ObjectKnobs {
         edge_length: section.edge_length,
+        smooth_angle_deg: section.smooth_angle_deg,
         technique: section.technique.resolved(),
         knobs: section.knobs(),
     };

@@ -93,7 +93,8 @@ fn flatten(primitive: &mut Primitive) {
     primitive.triangles = (0..corners.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
 }
 
-fn append_copies(primitive: &mut Primitive, copies: &[u32]) {
+/// Repeats the vertices `copies` at the end of every attribute that is there.
+pub(super) fn append_copies(primitive: &mut Primitive, copies: &[u32]) {
     fn append<T: Copy>(list: &mut Vec<T>, copies: &[u32]) {
         list.extend(copies.iter().map(|&v| list[v as usize]).collect::<Vec<T>>());
     }

@@ -66,6 +66,7 @@ pub fn check(manifest: &SceneManifest, file: &str, text: &str) -> Result<(), Man
     checker.edge_length("bake.edge_length", bake.edge_length)?;
     checker.within("bake.max_error", bake.max_error, 1e-4, 1.0)?;
     checker.within("bake.normal_angle_deg", bake.normal_angle_deg, 1.0, 180.0)?;
+    checker.within("bake.smooth_angle_deg", bake.smooth_angle_deg, 0.0, 180.0)?;
     checker.within("bake.area_floor", bake.area_floor, 1e-3, 1.0)?;
     if let Some(face) = bake.face_resolution.filter(|face| *face != 64 && *face != 128) {
         return Err(checker.range("bake.face_resolution", face, "64 or 128"));
@@ -74,6 +75,7 @@ pub fn check(manifest: &SceneManifest, file: &str, text: &str) -> Result<(), Man
     for (i, rule) in manifest.object.iter().enumerate() {
         checker.not_empty(&format!("object[{i}].match"), &rule.pattern)?;
         checker.edge_length(&format!("object[{i}].edge_length"), rule.edge_length)?;
+        checker.within(&format!("object[{i}].smooth_angle_deg"), rule.smooth_angle_deg, 0.0, 180.0)?;
     }
     if let Some(memory) = manifest.limits.memory.filter(|memory| memory.0 < 1 << 20) {
         return Err(checker.range("limits.memory", memory, "1MiB or more"));

@@ -73,6 +73,10 @@ pub struct BakeSection {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1.0, max = 180.0))]
     pub normal_angle_deg: Option<f64>,
+    /// Smooths surfaces whose file has no normals: faces that differ by at most this meet without a crease, degrees, 0 to 180. glTF says flat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 180.0))]
+    pub smooth_angle_deg: Option<f64>,
     /// Edges at shadow borders are split down to this share of `edge_length`, 0.001 to 1. At 1 they are not split.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.001, max = 1.0))]
@@ -199,6 +203,10 @@ pub struct ObjectRule {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub edge_length: Option<f64>,
+    /// Smooths it where its file has no normals, as the key of `[bake]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 180.0))]
+    pub smooth_angle_deg: Option<f64>,
 }
 
 /// `[limits]`: what the bake may use.

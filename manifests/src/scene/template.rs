@@ -29,6 +29,7 @@ impl Template {
         };
         let max_error = knob(&format!("# max_error = {:?}", knobs.max_error), "relative L2 of radiance aimed at, per object");
         let angle = knob(&format!("# normal_angle_deg = {:?}", knobs.normal_angle_deg), "edges whose end normals differ by more are split");
+        let smooth = knob("# smooth_angle_deg = 40.0", "smooths surfaces whose file has no normals; without it they are flat");
         let floor =
             knob(&format!("# area_floor = {:?}", knobs.area_floor), "edges at shadow borders are split down to this share of edge_length");
         let face = knob(&format!("# face_resolution = {}", knobs.face_resolution), "texels along the side of a cubemap face: 64 or 128");
@@ -55,6 +56,7 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 {max_error}
 # technique = "auto"         # or block_product
 {angle}
+{smooth}
 {floor}
 {face}
 # bvh = "medium"             # fast | medium | slow to build; changes no bit of the result

@@ -98,6 +98,8 @@ fn values_out_of_range_name_field_place_and_what_may_stand_there() {
         ("[bake]\nedge_length = inf", "bake.edge_length = inf"),
         ("[bake]\nmax_error = 2", "bake.max_error = 2"),
         ("[bake]\nnormal_angle_deg = 0.5", "bake.normal_angle_deg = 0.5"),
+        ("[bake]\nsmooth_angle_deg = -1", "bake.smooth_angle_deg = -1"),
+        ("[[object]]\nmatch = \"a\"\nsmooth_angle_deg = 181", "object[0].smooth_angle_deg = 181"),
         ("[bake]\narea_floor = 0", "bake.area_floor = 0"),
         ("[bake]\nface_resolution = 100", "bake.face_resolution = 100"),
         ("[limits]\nmemory = 17", "limits.memory = 17 B"),
