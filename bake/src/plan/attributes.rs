@@ -71,7 +71,7 @@ impl<'a> Corners<'a> {
     }
 }
 
-/// Tangents matter to normal maps only.
+/// Tangents matter to normal maps and anisotropy only.
 fn has_tangents(scene: &Scene, part: &WorldPrimitive) -> bool {
-    scene.materials[part.material as usize].normal_texture.is_some() && !part.tangents.is_empty()
+    scene.materials[part.material as usize].tangent_uv_set().is_some() && !part.tangents.is_empty()
 }

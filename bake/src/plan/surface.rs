@@ -12,7 +12,8 @@
 //! κ is the concentration of the von Mises–Fisher distribution with mean length |m|; a lobe exp(κ·cos θ) falls off like a Beckmann lobe
 //! with α² = 2/κ, and such slopes add. Lossy: 16 samples a triangle, not an integral, and GGX has longer tails than Beckmann.
 //!
-//! A material without such textures keeps its factors to the bit, and n_s.
+//! Samples that a MASK material cuts away count for nothing: there is no surface. Where all are cut, and without such textures, the
+//! factors stand to the bit, and n_s.
 
 use super::origin::area_normal;
 use super::patch::Patch;
@@ -23,7 +24,7 @@ use crate::scene::Scene;
 use glam::DVec3;
 use prelight_runtime::asset::points::BACK_SIDE;
 use prelight_runtime::asset::surface::PointSurfaces;
-use prelight_runtime::surface::{Material, bend_normal, resolve, tangent_from_uv};
+use prelight_runtime::surface::{AlphaMode, Material, bend_normal, resolve, tangent_from_uv};
 
 /// Averaged parameters of an object's points, in their order. See [`PointSurfaces`].
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -129,10 +130,12 @@ struct Footprints {
 
 impl Footprints {
     fn new(scene: &Scene, plan: &ObjectPlan) -> Footprints {
-        // Only what is averaged is looked up.
+        // Only what is averaged is looked up, and what cuts.
         let lean = |index: u32| {
             let material = &scene.materials[index as usize];
-            Material { base_color_texture: None, emissive_texture: None, ..material.clone() }
+            let cuts = matches!(material.alpha_mode, AlphaMode::Mask { .. });
+            let base_color_texture = material.base_color_texture.filter(|_| cuts);
+            Material { base_color_texture, emissive_texture: None, ..material.clone() }
         };
         let materials: Vec<Material> = plan.base.primitives.iter().map(|p| lean(p.material)).collect();
         if !materials.iter().any(is_textured) {
@@ -162,10 +165,15 @@ impl Footprints {
             Some(_) => corners.map(|v| vertices.tangent[v]),
             None => [[0.0; 4]; 3],
         };
+        let colors = (!vertices.color.is_empty()).then(|| corners.map(|v| vertices.color[v][3]));
         let area = area_normal(&positions).length() / 32.0;
         for weights in centroids() {
             let uv = uvs.map(|uv| [0, 1].map(|i| uv[0][i] * weights[0] + uv[1][i] * weights[1] + uv[2][i] * weights[2]));
-            let sample = resolve(material, &scene.textures, uv[0], uv[1], [1.0; 4]);
+            let alpha = colors.map_or(1.0, |a| a[0] * weights[0] + a[1] * weights[1] + a[2] * weights[2]);
+            let sample = resolve(material, &scene.textures, uv[0], uv[1], [1.0, 1.0, 1.0, alpha]);
+            if matches!(material.alpha_mode, AlphaMode::Mask { cutoff } if sample.alpha < cutoff) {
+                continue;
+            }
             let alpha = f64::from(sample.roughness) * f64::from(sample.roughness);
             for k in 0..3 {
                 let weight = area * f64::from(weights[k]);
@@ -291,5 +299,30 @@ mod tests {
         let expected = (0.25f64.powi(4) + 0.257).sqrt().sqrt();
         assert!((f64::from(surfaces.roughness[middle]) - expected).abs() < 0.02, "{} {expected}", surfaces.roughness[middle]);
         assert!(surfaces.normal[middle][2].abs() > 0.98);
+    }
+
+    #[test]
+    fn what_a_mask_cuts_away_is_not_averaged() {
+        // The left half is cut away and would be rough 0.5; the right half is smooth metal.
+        let textures = vec![texture(&[[0, 128, 0, 0], [0, 51, 255, 0]], 2), texture(&[[255, 255, 255, 0], [255; 4]], 2)];
+        let material = Material {
+            metallic_roughness_texture: reference(0),
+            base_color_texture: reference(1),
+            alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+            ..Material::default()
+        };
+        let (scene, plan) = square(material, textures);
+        let surfaces = point_surfaces(&scene, &plan);
+        let mut n_kept = 0;
+        for i in 0..plan.n_points() {
+            if plan.position[i][0] >= 0.5 {
+                // √√(r⁴): f32 rounding of the result.
+                assert!((surfaces.roughness[i] - 0.2).abs() < 1e-6 && surfaces.metallic[i] == 1.0, "{:?}", plan.position[i]);
+                n_kept += 1;
+            }
+        }
+        assert!(n_kept > 4);
+        let gone = (0..plan.n_points()).find(|&i| plan.position[i] == [0.0; 3]).expect("corners are points");
+        assert_eq!((surfaces.roughness[gone], surfaces.metallic[gone]), (1.0, 1.0), "nothing is left to average: the factors");
     }
 }

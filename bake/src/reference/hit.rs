@@ -29,6 +29,8 @@ pub(super) enum Reflection {
     Gltf(GltfSurface),
     /// Lambert.
     Clay,
+    /// Nothing: the surface is its own picture.
+    Unlit,
 }
 
 /// A surface at a hit, on the side that the ray came from.
@@ -94,6 +96,8 @@ impl<'a> Surfaces<'a> {
         let surface = &met.surface;
         let reflection = if self.clay {
             Reflection::Clay
+        } else if surface.unlit {
+            Reflection::Unlit
         } else {
             Reflection::Gltf(GltfSurface { base_color: surface.base_color, metallic: surface.metallic, roughness: surface.roughness })
         };
@@ -150,6 +154,7 @@ impl Shading {
         match self.reflection {
             Reflection::Gltf(surface) => surface.eval(self.mapped, v, l),
             Reflection::Clay => [CLAY_ALBEDO / PI * dot(self.mapped, l).max(0.0); 3],
+            Reflection::Unlit => [0.0; 3],
         }
     }
 
@@ -157,7 +162,7 @@ impl Shading {
     pub fn sample(&self, v: [f32; 3], u: [f32; 3]) -> [f32; 3] {
         match self.reflection {
             Reflection::Gltf(surface) => surface.sample(self.mapped, v, u),
-            Reflection::Clay => {
+            Reflection::Clay | Reflection::Unlit => {
                 let (t, b) = tangents(self.mapped);
                 let (radius, phi) = (f64::from(u[0]).sqrt(), 2.0 * std::f64::consts::PI * f64::from(u[1]));
                 let (x, y, z) = (radius * libm::cos(phi), radius * libm::sin(phi), (1.0 - f64::from(u[0])).sqrt());
@@ -170,7 +175,7 @@ impl Shading {
     pub fn pdf(&self, v: [f32; 3], l: [f32; 3]) -> f32 {
         match self.reflection {
             Reflection::Gltf(surface) => surface.pdf(self.mapped, v, l),
-            Reflection::Clay => dot(self.mapped, l).max(0.0) / PI,
+            Reflection::Clay | Reflection::Unlit => dot(self.mapped, l).max(0.0) / PI,
         }
     }
 

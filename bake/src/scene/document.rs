@@ -7,7 +7,7 @@
 
 use super::error::{Budget, SceneError, Source};
 use super::warnings::{Warnings, quote};
-use super::{extension, glb};
+use super::{extension, glb, variant};
 use gltf::json::validation::{Error, Validate};
 use gltf::json::{Path, Root};
 use serde_json::{Value, json};
@@ -63,7 +63,13 @@ const NARROW: &[&str] = &[
 ];
 
 /// Reads and checks everything that needs no buffer.
-pub(super) fn parse(source: Source, bytes: &[u8], budget: &mut Budget, warnings: &mut Warnings) -> Result<Document, SceneError> {
+pub(super) fn parse(
+    source: Source,
+    bytes: &[u8],
+    variant: Option<&str>,
+    budget: &mut Budget,
+    warnings: &mut Warnings,
+) -> Result<Document, SceneError> {
     let (text, binary) = if glb::is_glb(bytes) {
         let chunks = glb::parse(source, bytes)?;
         (&bytes[chunks.json], chunks.binary)
@@ -88,7 +94,11 @@ pub(super) fn parse(source: Source, bytes: &[u8], budget: &mut Budget, warnings:
         warnings.count("animations are not played", animations.as_array().map_or(0, |a| a.len() as u64), || "animations[0]".into());
     }
     let extras = take_extras(&mut value);
-    let root = typed(source, value)?;
+    let variants = variant::names(&value);
+    let mut root = typed(source, value)?;
+    if let Some(chosen) = variant {
+        variant::apply(source, &mut root, &variants, chosen)?;
+    }
     validate(source, &root)?;
     Ok(Document { root, extras, binary })
 }

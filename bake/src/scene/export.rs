@@ -88,7 +88,7 @@ impl GlbBuilder {
         push(&mut self.images, json!({ "name": name, "bufferView": view, "mimeType": mime }))
     }
 
-    /// Adds a material. Emission beyond 1 is written with KHR_materials_emissive_strength.
+    /// Adds a material; what plain glTF cannot say goes into extensions (emission beyond 1, ior, specular, anisotropy, clear coat, unlit).
     pub fn material(&mut self, material: &Material) -> u32 {
         let mut pbr = Map::new();
         pbr.insert("baseColorFactor".into(), json!(material.base_color));
@@ -105,13 +105,18 @@ impl GlbBuilder {
             value.insert("name".into(), json!(material.name));
         }
         value.insert("pbrMetallicRoughness".into(), Value::Object(pbr));
+        let mut extensions = lobes::extensions(self, material);
         let strength = material.emissive.iter().fold(1.0f32, |a, &b| a.max(b));
         if material.emissive != [0.0; 3] {
             value.insert("emissiveFactor".into(), json!(material.emissive.map(|e| e / strength)));
         }
         if strength > 1.0 {
-            value.insert("extensions".into(), json!({ "KHR_materials_emissive_strength": { "emissiveStrength": strength } }));
-            self.use_extension("KHR_materials_emissive_strength");
+            extensions.push(("KHR_materials_emissive_strength", json!({ "emissiveStrength": strength })));
+        }
+        if !extensions.is_empty() {
+            extensions.iter().for_each(|(name, _)| self.use_extension(name));
+            let extensions: Map<String, Value> = extensions.into_iter().map(|(name, value)| (name.to_string(), value)).collect();
+            value.insert("extensions".into(), Value::Object(extensions));
         }
         if let Some(reference) = &material.emissive_texture {
             value.insert("emissiveTexture".into(), self.texture_info(reference));
@@ -341,5 +346,6 @@ fn find_or_push(list: &mut Vec<Value>, value: Value) -> u32 {
     }
 }
 
+mod lobes;
 #[cfg(test)]
 mod tests;

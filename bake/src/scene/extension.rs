@@ -6,28 +6,41 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// Read in full.
-const READ: &[&str] = &["KHR_materials_emissive_strength", "KHR_mesh_quantization", "KHR_texture_transform"];
+const READ: &[&str] = &[
+    "EXT_texture_webp",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_specular",
+    "KHR_materials_unlit",
+    "KHR_materials_variants",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+];
 
 /// Nothing that a bake or a picture depends on, so neither a warning nor an obstacle.
-const WITHOUT_EFFECT: &[&str] = &["KHR_materials_variants", "KHR_xmp_json_ld"];
+const WITHOUT_EFFECT: &[&str] = &["KHR_xmp_json_ld"];
 
 /// Without effect as an option: textures come with a PNG or JPEG beside, animations are not played at all.
-const WITHOUT_EFFECT_IF_OPTIONAL: &[&str] = &["EXT_texture_webp", "KHR_animation_pointer", "KHR_texture_basisu", "MSFT_texture_dds"];
+const WITHOUT_EFFECT_IF_OPTIONAL: &[&str] = &["EXT_texture_avif", "KHR_animation_pointer", "KHR_texture_basisu", "MSFT_texture_dds"];
 
 /// What the reader of a warning should know about an optional extension; others are "not read".
 const REMARKS: &[(&str, &str)] = &[
     ("KHR_lights_punctual", "KHR_lights_punctual: point, spot and directional lights do not light the scene, environments do"),
-    ("KHR_materials_unlit", "KHR_materials_unlit: unlit materials are lit like any other"),
+    ("KHR_materials_sheen", "KHR_materials_sheen: cloth is shown without its sheen"),
     ("KHR_materials_transmission", "KHR_materials_transmission: shown as alpha, without refraction"),
 ];
 
 /// Ways out of a required extension.
-const WAYS_OUT: &[(&str, &str)] = &[
+pub(super) const WAYS_OUT: &[(&str, &str)] = &[
     ("KHR_draco_mesh_compression", "export it without Draco compression (Blender: untick Compression)"),
     ("EXT_meshopt_compression", "export it without meshopt compression (gltfpack: leave out -c and -cc)"),
     ("KHR_meshopt_compression", "export it without meshopt compression (gltfpack: leave out -c, -cc and -cz)"),
     ("KHR_texture_basisu", "run: gltf-transform ktxdecompress IN.glb OUT.glb"),
-    ("EXT_texture_webp", "convert its textures to PNG or JPEG (gltf-transform png IN.glb OUT.glb)"),
+    ("EXT_texture_avif", "convert its textures to PNG or JPEG (gltf-transform png IN.glb OUT.glb)"),
+    ("MSFT_texture_dds", "convert its textures to PNG or JPEG"),
     ("EXT_mesh_gpu_instancing", "export it with one node per instance"),
     ("KHR_lights_punctual", "delete it from extensionsRequired: lights of the file do not light the scene, environments do"),
 ];

@@ -1,8 +1,8 @@
 //! Scenes and images for tests.
 
-use super::error::{Budget, SceneError, Source};
+use super::error::SceneError;
 use super::export::{GlbBuilder, Transform, write_glb};
-use super::gltf::{LoadLimits, load_slice};
+use super::gltf::{self, LoadLimits};
 use super::{Mesh, Primitive, Scene};
 use image::{DynamicImage, ImageFormat, RgbaImage};
 use serde_json::Value;
@@ -28,10 +28,7 @@ pub fn encode(image: DynamicImage, format: ImageFormat) -> Vec<u8> {
 
 /// Loads bytes as if they were a file that nothing lies beside.
 pub fn load_bytes(bytes: &[u8]) -> Result<Scene, SceneError> {
-    let source = Source(Path::new("scene.glb"));
-    let mut budget = Budget::new(source, LIMIT.max_bytes);
-    budget.charge("the file", "its bytes", bytes.len() as u64)?;
-    load_slice(source, bytes, &mut budget)
+    gltf::load_bytes(Path::new("scene.glb"), bytes, &LIMIT)
 }
 
 pub fn load_json(json: &Value, binary: &[u8]) -> Result<Scene, SceneError> {

@@ -35,16 +35,29 @@ impl Default for LoadLimits {
 
 /// Loads a scene. The kind of file is told by its first bytes, not by its name.
 pub fn load(path: &Path, limits: &LoadLimits) -> Result<Scene, SceneError> {
+    load_variant(path, limits, None)
+}
+
+/// Loads a scene with the materials that one of its variants (KHR_materials_variants) has. An unknown name is an error that lists them.
+pub fn load_variant(path: &Path, limits: &LoadLimits, variant: Option<&str>) -> Result<Scene, SceneError> {
     let source = Source(path);
     let mut budget = Budget::new(source, limits.max_bytes);
     let file = resource::read_file(path, "the file", None, &mut budget)?;
-    load_slice(source, &file, &mut budget)
+    load_slice(source, &file, variant, &mut budget)
+}
+
+/// Loads bytes as if they had been read from `path`, which messages name and other files are looked for beside.
+pub fn load_bytes(path: &Path, bytes: &[u8], limits: &LoadLimits) -> Result<Scene, SceneError> {
+    let source = Source(path);
+    let mut budget = Budget::new(source, limits.max_bytes);
+    budget.charge("the file", "its bytes", bytes.len() as u64)?;
+    load_slice(source, bytes, None, &mut budget)
 }
 
 /// Loads what has been read from the file.
-pub(super) fn load_slice(source: Source, file: &[u8], budget: &mut Budget) -> Result<Scene, SceneError> {
+fn load_slice(source: Source, file: &[u8], variant: Option<&str>, budget: &mut Budget) -> Result<Scene, SceneError> {
     let mut warnings = Warnings::default();
-    let Document { root, extras, binary } = document::parse(source, file, budget, &mut warnings)?;
+    let Document { root, extras, binary } = document::parse(source, file, variant, budget, &mut warnings)?;
     node::check(source, &root)?;
     let scene = choose_scene(source, &root, &mut warnings)?;
     let mut with_path = vec![false; root.nodes.len()];

@@ -371,9 +371,9 @@ fn broken_images_are_named() {
     let jpeg = encode(DynamicImage::new_rgb8(16, 16), ImageFormat::Jpeg);
     let webp = [b"RIFF".as_slice(), &[4, 0, 0, 0], b"WEBPVP8 "].concat();
     let cases: &[(&str, &[u8], &str)] = &[
-        ("empty", b"", "neither PNG nor JPEG"),
-        ("text", b"hello", "neither PNG nor JPEG"),
-        ("WebP", &webp, "WebP"),
+        ("empty", b"", "neither PNG, JPEG nor WebP"),
+        ("text", b"hello", "neither PNG, JPEG nor WebP"),
+        ("WebP", &webp, "decoded"),
         ("half a PNG", &png[..png.len() / 2], "decoded"),
         ("a PNG's first bytes", &png[..8], "decoded"),
         ("damaged PNG", &wrong_sum, "decoded"),

@@ -75,7 +75,8 @@ impl SceneInput {
     ///
     /// `memory` bounds what loading may hold, bytes.
     pub fn load(&self, memory: u64) -> Result<LoadedScene, BakeError> {
-        let mut scene = gltf::load(&self.gltf_path(), &gltf::LoadLimits { max_bytes: memory })?;
+        let limits = gltf::LoadLimits { max_bytes: memory };
+        let mut scene = gltf::load_variant(&self.gltf_path(), &limits, self.manifest.scene.variant.as_deref())?;
         overrides::apply_materials(&self.manifest, &mut scene)?;
         let (knobs, warnings) = overrides::object_knobs(&self.manifest, &scene.objects)?;
         scene.warnings.extend(warnings);

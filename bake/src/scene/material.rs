@@ -5,18 +5,20 @@
 //! its material: u' = o_u + cos(r)·s_u·u + sin(r)·s_v·v, v' = o_v − sin(r)·s_u·u + cos(r)·s_v·v, in f64, rounded once.
 
 use super::error::{SceneError, Source};
-use super::texture::Wanted;
+use super::lobes;
+use super::texture::{self, Make, Wanted};
 use super::warnings::{Warnings, label};
+use gltf::json::Root;
 use gltf::json::material::AlphaMode as JsonAlpha;
 use gltf::json::texture::{MagFilter, WrappingMode};
 use gltf::json::validation::Checked;
-use gltf::json::{Index, Root};
 use prelight_runtime::surface::{AlphaMode, Material, TextureEncoding, TextureRef, Wrap};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 /// Rows of an affine map of texture coordinates: u' = a·u + b·v + c.
 pub(super) type UvTransform = [[f64; 3]; 2];
 
+const TRANSFORM: &str = "KHR_texture_transform";
 const IDENTITY: UvTransform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 
 /// Where one set of a surface's texture coordinates comes from.
@@ -53,16 +55,20 @@ impl Default for Resolved {
     }
 }
 
-/// Extensions of a texture reference.
-type Others<'a> = Option<&'a Map<String, Value>>;
-
-/// One texture reference of the file.
-struct Info<'a> {
-    texture: Index<gltf::json::Texture>,
-    set: u32,
-    others: Others<'a>,
-    encoding: TextureEncoding,
-    what: &'static str,
+/// One texture reference of the file, and where it goes.
+pub(super) struct Use {
+    /// The material's place for it.
+    pub place: fn(&mut Material) -> &mut Option<TextureRef>,
+    /// Index into the file's textures.
+    pub texture: usize,
+    /// n of TEXCOORD_n.
+    pub set: u32,
+    /// KHR_texture_transform.
+    pub transform: Option<Value>,
+    pub encoding: TextureEncoding,
+    pub make: Make,
+    /// For messages.
+    pub what: &'static str,
 }
 
 /// Reads one material. Textures of materials that nothing uses are left out, so that they are never decoded.
@@ -82,49 +88,33 @@ pub(super) fn read(
         Checked::Valid(JsonAlpha::Blend) => AlphaMode::Blend,
         _ => AlphaMode::Opaque,
     };
-    let extensions = json.extensions.as_ref().map(|e| &e.others);
-    let number = |extension: &str, field: &str| -> Result<Option<f32>, SceneError> {
-        match extensions.and_then(|e| e.get(extension)).and_then(|e| e.get(field)) {
-            None => Ok(None),
-            Some(value) => match value.as_f64() {
-                Some(number) => Ok(Some(number as f32)),
-                None => Err(source.invalid(format!("{}.extensions.{extension}.{field}", at()), "not a number")),
-            },
-        }
-    };
-    let strength = number("KHR_materials_emissive_strength", "emissiveStrength")?.unwrap_or(1.0);
-    let transmission = number("KHR_materials_transmission", "transmissionFactor")?.unwrap_or(0.0);
     let mut material = Material {
         name: json.name.clone().unwrap_or_default(),
         base_color: pbr.base_color_factor.0,
         metallic: pbr.metallic_factor.0,
         roughness: pbr.roughness_factor.0,
-        emissive: json.emissive_factor.0.map(|e| e * strength),
+        emissive: json.emissive_factor.0,
         normal_scale: json.normal_texture.as_ref().map_or(1.0, |n| n.scale),
         alpha_mode,
         double_sided: json.double_sided,
         ..Material::default()
     };
+    let mut uses = plain_uses(json);
+    let others = json.extensions.as_ref().map(|e| &e.others);
+    let transmission = others.map_or(Ok(0.0), |others| lobes::read(source, &at(), others, &mut material, &mut uses))?;
     let cutoff = if let AlphaMode::Mask { cutoff } = alpha_mode { cutoff } else { 0.0 };
     let factors = [material.metallic, material.roughness, material.normal_scale, cutoff, transmission];
     if !material.base_color.iter().chain(&material.emissive).chain(&factors).all(|x| x.is_finite()) {
         return Err(source.invalid(at(), "a factor that is not a finite number"));
     }
-    let within = |x: f32| x.clamp(0.0, 1.0);
-    let clamped = Material {
-        base_color: material.base_color.map(within),
-        metallic: within(material.metallic),
-        roughness: within(material.roughness),
-        emissive: material.emissive.map(|e| e.max(0.0)),
-        ..material.clone()
-    };
+    let clamped = clamped(&material);
     if clamped != material {
         warnings.note("a material's factor outside its range is clamped", at);
         material = clamped;
     }
     if transmission > 0.0 && alpha_mode == AlphaMode::Opaque {
         material.alpha_mode = AlphaMode::Blend;
-        material.base_color[3] *= 1.0 - within(transmission);
+        material.base_color[3] *= 1.0 - transmission.clamp(0.0, 1.0);
     }
     let mut resolved = Resolved { material, ..Resolved::default() };
     if !in_use {
@@ -136,61 +126,85 @@ pub(super) fn read(
     if json.occlusion_texture.is_some() {
         warnings.note("a baked occlusion texture is left out: occlusion is computed", at);
     }
-
-    let plain = |info: &'_ Option<gltf::json::texture::Info>| info.as_ref().map(|i| (i.index, i.tex_coord));
-    let others = |info: &'_ Option<gltf::json::texture::Info>| info.as_ref().and_then(|i| i.extensions.as_ref()).map(|e| e.others.clone());
-    let normal = json.normal_texture.as_ref().map(|n| (n.index, n.tex_coord));
-    let normal_others = json.normal_texture.as_ref().and_then(|n| n.extensions.as_ref()).map(|e| e.others.clone());
-    let (srgb, linear) = (TextureEncoding::Srgb, TextureEncoding::Linear);
-    let uses = [
-        (plain(&pbr.base_color_texture), others(&pbr.base_color_texture), srgb, "base colour"),
-        (plain(&pbr.metallic_roughness_texture), others(&pbr.metallic_roughness_texture), linear, "metallic-roughness"),
-        (normal, normal_others, linear, "normal"),
-        (plain(&json.emissive_texture), others(&json.emissive_texture), srgb, "emissive"),
-    ];
     let mut taken: [Option<Slot>; 2] = [None; 2];
-    let mut references = [None; 4];
-    for (reference, (texture, others, encoding, what)) in references.iter_mut().zip(uses) {
-        let Some((texture, set)) = texture else { continue };
-        let info = Info { texture, set, others: others.as_ref(), encoding, what };
-        *reference = resolve(source, root, &at(), info, &mut taken, wanted, warnings)?;
+    for usage in uses {
+        let reference = resolve(source, root, &at(), &usage, &mut taken, wanted, warnings)?;
+        *(usage.place)(&mut resolved.material) = reference;
     }
-    let [base, rough, normal, emissive] = references;
-    resolved.material.base_color_texture = base;
-    resolved.material.metallic_roughness_texture = rough;
-    resolved.material.normal_texture = normal;
-    resolved.material.emissive_texture = emissive;
     for (slot, taken) in resolved.slots.iter_mut().zip(taken) {
         *slot = taken.unwrap_or(*slot);
     }
     Ok(resolved)
 }
 
+/// The textures of glTF itself, the most visible first: where texture coordinates run out, the last are left out.
+fn plain_uses(json: &gltf::json::Material) -> Vec<Use> {
+    type Info = gltf::json::texture::Info;
+    let (srgb, linear) = (TextureEncoding::Srgb, TextureEncoding::Linear);
+    let transform = |others: Option<&serde_json::Map<String, Value>>| others.and_then(|others| others.get(TRANSFORM)).cloned();
+    let pbr = &json.pbr_metallic_roughness;
+    let infos: [(&Option<Info>, fn(&mut Material) -> &mut Option<TextureRef>, _, _); 3] = [
+        (&pbr.base_color_texture, |m| &mut m.base_color_texture, srgb, "base colour"),
+        (&pbr.metallic_roughness_texture, |m| &mut m.metallic_roughness_texture, linear, "metallic-roughness"),
+        (&json.emissive_texture, |m| &mut m.emissive_texture, srgb, "emissive"),
+    ];
+    let mut uses = Vec::new();
+    for (info, place, encoding, what) in infos {
+        if let Some(info) = info {
+            let transform = transform(info.extensions.as_ref().map(|e| &e.others));
+            uses.push(Use { place, texture: info.index.value(), set: info.tex_coord, transform, encoding, make: Make::Copy, what });
+        }
+    }
+    if let Some(info) = &json.normal_texture {
+        let transform = transform(info.extensions.as_ref().map(|e| &e.others));
+        let place: fn(&mut Material) -> &mut Option<TextureRef> = |m| &mut m.normal_texture;
+        let at = uses.iter().position(|usage| usage.what == "emissive").unwrap_or(uses.len());
+        let (texture, set) = (info.index.value(), info.tex_coord);
+        uses.insert(at, Use { place, texture, set, transform, encoding: linear, make: Make::Copy, what: "normal" });
+    }
+    uses
+}
+
+fn clamped(material: &Material) -> Material {
+    let within = |x: f32| x.clamp(0.0, 1.0);
+    Material {
+        base_color: material.base_color.map(within),
+        metallic: within(material.metallic),
+        roughness: within(material.roughness),
+        emissive: material.emissive.map(|e| e.max(0.0)),
+        ior: if material.ior > 0.0 { material.ior.max(1.0) } else { 0.0 },
+        specular: within(material.specular),
+        specular_color: material.specular_color.map(|x| x.max(0.0)),
+        anisotropy: within(material.anisotropy),
+        clearcoat: within(material.clearcoat),
+        clearcoat_roughness: within(material.clearcoat_roughness),
+        ..material.clone()
+    }
+}
+
 fn resolve(
     source: Source,
     root: &Root,
     at: &str,
-    info: Info,
+    usage: &Use,
     taken: &mut [Option<Slot>; 2],
     wanted: &mut Wanted,
     warnings: &mut Warnings,
 ) -> Result<Option<TextureRef>, SceneError> {
-    let slot = slot_of(source, at, &info)?;
+    let slot = slot_of(source, at, usage)?;
     // A set keeps its own number where it can, so that plain files read as they stand.
     let own = (slot.set as usize).min(1);
     let fits = |k: usize, taken: &[Option<Slot>; 2]| taken[k].is_none_or(|other| other == slot);
     let Some(place) = [own, 1 - own].into_iter().find(|&k| taken[k] == Some(slot)).or([own, 1 - own].into_iter().find(|&k| fits(k, taken)))
     else {
         let kind =
-            format!("a material uses more than two sets or transforms of texture coordinates: its {} texture is left out", info.what);
+            format!("a material uses more than two sets or transforms of texture coordinates: its {} texture is left out", usage.what);
         warnings.note(&kind, || at.to_string());
         return Ok(None);
     };
-    let index = info.texture.value();
+    let index = usage.texture;
     let texture = root.textures.get(index).ok_or_else(|| source.invalid(at, "a texture that does not exist"))?;
-    if texture.source.value() >= root.images.len() {
-        return Err(source.invalid(format!("textures[{index}]"), "a texture without an image"));
-    }
+    let image = texture::image_of(source, root, index)?;
     taken[place] = Some(slot);
     let sampler = texture.sampler.and_then(|sampler| root.samplers.get(sampler.value()));
     let wrap = |mode: Checked<WrappingMode>| match mode {
@@ -199,16 +213,16 @@ fn resolve(
         _ => Wrap::Repeat,
     };
     Ok(Some(TextureRef {
-        texture: wanted.index(texture.source.value(), info.encoding),
+        texture: wanted.index(image, usage.encoding, usage.make),
         uv_set: place as u32,
         wrap: sampler.map_or([Wrap::Repeat; 2], |s| [wrap(s.wrap_s), wrap(s.wrap_t)]),
         nearest: sampler.is_some_and(|s| matches!(s.mag_filter, Some(Checked::Valid(MagFilter::Nearest)))),
     }))
 }
 
-fn slot_of(source: Source, at: &str, info: &Info) -> Result<Slot, SceneError> {
-    let mut slot = Slot { set: info.set, transform: IDENTITY };
-    let Some(transform) = info.others.and_then(|others| others.get("KHR_texture_transform")) else { return Ok(slot) };
+fn slot_of(source: Source, at: &str, usage: &Use) -> Result<Slot, SceneError> {
+    let mut slot = Slot { set: usage.set, transform: IDENTITY };
+    let Some(transform) = &usage.transform else { return Ok(slot) };
     let invalid = || source.invalid(at, "a KHR_texture_transform that is not numbers");
     let pair = |key: &str, default: f64| -> Result<[f64; 2], SceneError> {
         let Some(value) = transform.get(key) else { return Ok([default; 2]) };

@@ -7,7 +7,7 @@ use super::warnings::{Warnings, label};
 use super::{Mesh, Primitive, tangent};
 use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::Checked;
-use prelight_runtime::surface::{Material, TextureRef};
+use prelight_runtime::surface::TextureRef;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -32,8 +32,8 @@ pub(super) struct Plan {
 pub(super) struct Palette {
     pub resolved: Vec<Resolved>,
     default: Option<u32>,
-    /// (material, which sets of texture coordinates are missing) -> variant.
-    bare: BTreeMap<(u32, [bool; 2]), u32>,
+    /// (material, which sets of texture coordinates are missing, whether there are tangents) -> variant.
+    bare: BTreeMap<(u32, [bool; 2], bool), u32>,
 }
 
 impl Palette {
@@ -48,26 +48,31 @@ impl Palette {
         })
     }
 
-    /// The same material without the textures that read missing coordinates, and how many of them there are.
-    fn without(&mut self, material: u32, missing: [bool; 2]) -> (u32, u64) {
+    /// The same material without what a surface cannot have: the number of textures that read missing coordinates, and whether
+    /// anisotropy is lost because neither tangents nor coordinates give it a direction.
+    fn without(&mut self, material: u32, missing: [bool; 2], has_tangents: bool) -> (u32, u64, bool) {
         let mut bare = self.resolved[material as usize].clone();
         let mut dropped = 0;
-        let Material { base_color_texture, metallic_roughness_texture, emissive_texture, normal_texture, .. } = &mut bare.material;
-        for texture in [base_color_texture, metallic_roughness_texture, emissive_texture, normal_texture] {
+        let directed = has_tangents || bare.material.tangent_uv_set().is_none_or(|set| !missing[set as usize]);
+        let undirected = bare.material.anisotropy > 0.0 && !directed;
+        if undirected {
+            bare.material.anisotropy = 0.0;
+        }
+        for texture in bare.material.texture_slots() {
             if texture.is_some_and(|t: TextureRef| missing[t.uv_set as usize]) {
                 *texture = None;
                 dropped += 1;
             }
         }
-        if dropped == 0 {
-            return (material, 0);
+        if dropped == 0 && !undirected {
+            return (material, 0, false);
         }
         let resolved = &mut self.resolved;
-        let index = *self.bare.entry((material, missing)).or_insert_with(|| {
+        let index = *self.bare.entry((material, missing, has_tangents)).or_insert_with(|| {
             resolved.push(bare);
             resolved.len() as u32 - 1
         });
-        (index, dropped)
+        (index, dropped, undirected)
     }
 }
 
@@ -131,15 +136,16 @@ pub(super) fn plan(
         for (uv, slot) in uvs.iter_mut().zip(slots) {
             *uv = matching(attribute(Semantic::TexCoords(slot.set)))?.map(|index| (index, slot));
         }
-        let (bare, dropped) = palette.without(material, [uvs[0].is_none(), uvs[1].is_none()]);
-        warnings.count("textures on surfaces without texture coordinates are left out", dropped, at);
-        material = bare;
-
         let normals = matching(attribute(Semantic::Normals))?;
         let tangents = matching(attribute(Semantic::Tangents))?.filter(|_| normals.is_some());
+        let (bare, dropped, undirected) = palette.without(material, [uvs[0].is_none(), uvs[1].is_none()], tangents.is_some());
+        warnings.count("textures on surfaces without texture coordinates are left out", dropped, at);
+        warnings.count("anisotropy without tangents and texture coordinates is left out", u64::from(undirected), at);
+        material = bare;
+
         let colors = matching(attribute(Semantic::Colors(0)))?;
-        let normal_map = palette.resolved[material as usize].material.normal_texture;
-        let make_tangents = normal_map.filter(|_| tangents.is_none()).map(|t| t.uv_set as usize);
+        let tangent_set = palette.resolved[material as usize].material.tangent_uv_set();
+        let make_tangents = tangent_set.filter(|_| tangents.is_none()).map(|set| set as usize);
         // Making tangents may split vertices, at most into one a corner.
         let vertices = if make_tangents.is_some() { count.max(3 * triangles) } else { count };
         let with_normals = normals.is_some() || make_tangents.is_some();

@@ -17,7 +17,10 @@ mod hostile;
 pub mod input;
 #[cfg(test)]
 mod legal;
+mod lobes;
 mod material;
+#[cfg(test)]
+mod material_tests;
 mod mesh;
 mod node;
 pub mod overrides;
@@ -27,6 +30,7 @@ mod shared_scenes;
 mod smooth;
 mod tangent;
 mod texture;
+mod variant;
 mod warnings;
 pub mod world;
 

@@ -2,34 +2,81 @@
 
 use super::accessor::Buffers;
 use super::error::{Budget, SceneError, Source};
+use super::extension::WAYS_OUT;
 use super::resource;
 use super::warnings::label;
+use gltf::json::Root;
 use image::{ImageFormat, ImageReader, Limits};
 use prelight_runtime::surface::{Texture, TextureEncoding};
 use rayon::prelude::*;
+use serde_json::{Map, Value};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::io::Cursor;
 
 /// No PNG or JPEG holds more pixels a byte: deflate shrinks at most 1032-fold and a pixel may have one bit; a JPEG block of 64
-/// pixels takes at least one bit.
+/// pixels takes at least one bit. (A WebP of one colour is a few bytes at any size; it has at most 2²⁸ pixels.)
 const MOST_PIXELS_PER_BYTE: u64 = 16384;
 
-/// (image, encoding) pairs in use, in order of first use.
+/// How a texture comes from its image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Make {
+    /// As it stands.
+    Copy,
+    /// G becomes 1 − factor · A, the other channels 0: the roughness of a specular-glossiness texture. Rounded to 8 bits.
+    RoughnessOfGloss { factor: f32 },
+}
+
+impl Make {
+    fn apply(self, texels: &mut [u8]) {
+        let Make::RoughnessOfGloss { factor } = self else { return };
+        for texel in texels.chunks_exact_mut(4) {
+            let roughness = 255.0 - factor * f32::from(texel[3]);
+            texel.copy_from_slice(&[0, (roughness + 0.5) as u8, 0, 255]);
+        }
+    }
+}
+
+/// Textures in use, in order of first use.
 #[derive(Debug, Default)]
 pub(super) struct Wanted {
-    pairs: Vec<(usize, TextureEncoding)>,
-    index: HashMap<(usize, bool), u32>,
+    pairs: Vec<(usize, TextureEncoding, Make)>,
+    index: HashMap<(usize, bool, Option<u32>), u32>,
 }
 
 impl Wanted {
     /// Index of the texture.
-    pub fn index(&mut self, image: usize, encoding: TextureEncoding) -> u32 {
+    pub fn index(&mut self, image: usize, encoding: TextureEncoding, make: Make) -> u32 {
         let pairs = &mut self.pairs;
-        *self.index.entry((image, encoding == TextureEncoding::Linear)).or_insert_with(|| {
-            pairs.push((image, encoding));
+        let factor = if let Make::RoughnessOfGloss { factor } = make { Some(factor.to_bits()) } else { None };
+        *self.index.entry((image, encoding == TextureEncoding::Linear, factor)).or_insert_with(|| {
+            pairs.push((image, encoding, make));
             pairs.len() as u32 - 1
         })
+    }
+}
+
+/// The image of a texture: that of EXT_texture_webp where there is one, else the plain one.
+pub(super) fn image_of(source: Source, root: &Root, index: usize) -> Result<usize, SceneError> {
+    let texture = &root.textures[index];
+    let at = || label("textures", index, texture.name.as_deref());
+    let others = texture.extensions.as_ref().map(|e| &e.others);
+    if let Some(webp) = others.and_then(|others| others.get("EXT_texture_webp")) {
+        let image = webp.get("source").and_then(Value::as_u64).filter(|&image| image < root.images.len() as u64);
+        return image.map(|image| image as usize).ok_or_else(|| source.invalid(at(), "EXT_texture_webp without an image"));
+    }
+    let image = texture.source.value();
+    if image < root.images.len() {
+        return Ok(image);
+    }
+    let known = others.into_iter().flat_map(Map::keys).find(|name| WAYS_OUT.iter().any(|(way, _)| way == name));
+    match known {
+        Some(name) => {
+            let help = WAYS_OUT.iter().find(|(way, _)| way == name).map_or("", |(_, help)| help);
+            let (name, used_by) = (name.clone(), "its only image".to_string());
+            Err(SceneError::Extension { file: source.name(), name, at: at(), used_by, help: help.to_string() })
+        }
+        None => Err(source.invalid(at(), "a texture without an image")),
     }
 }
 
@@ -44,7 +91,7 @@ struct Encoded<'a> {
 pub(super) fn decode(buffers: &Buffers, wanted: &Wanted, budget: &mut Budget) -> Result<Vec<Texture<'static>>, SceneError> {
     let source = buffers.source;
     let mut uses: BTreeMap<usize, u64> = BTreeMap::new();
-    wanted.pairs.iter().for_each(|&(image, _)| *uses.entry(image).or_default() += 1);
+    wanted.pairs.iter().for_each(|&(image, ..)| *uses.entry(image).or_default() += 1);
     let images: Vec<usize> = uses.keys().copied().collect();
     let mut encoded = Vec::with_capacity(images.len());
     let mut passing = 0u64;
@@ -56,7 +103,7 @@ pub(super) fn decode(buffers: &Buffers, wanted: &Wanted, budget: &mut Budget) ->
         let what = format!("a decoded image of {} x {} pixels", image.size.0, image.size.1);
         budget.charge(&image.at, &what, pixels.saturating_mul(4 * uses).saturating_add(transient))?;
         passing += transient;
-        if pixels > MOST_PIXELS_PER_BYTE.saturating_mul(image.bytes.len() as u64) {
+        if image.format != ImageFormat::WebP && pixels > MOST_PIXELS_PER_BYTE.saturating_mul(image.bytes.len() as u64) {
             let what = format!("it claims {} x {} pixels in {} bytes", image.size.0, image.size.1, image.bytes.len());
             return Err(broken(source, &image.at, &what));
         }
@@ -69,11 +116,12 @@ pub(super) fn decode(buffers: &Buffers, wanted: &Wanted, budget: &mut Budget) ->
         texels.push(result?);
     }
     budget.release(passing);
-    let textures = wanted.pairs.iter().map(|&(image, encoding)| {
+    let textures = wanted.pairs.iter().map(|&(image, encoding, make)| {
         let at = images.binary_search(&image).expect("every wanted image was opened");
         let left = uses.get_mut(&image).expect("every wanted image was counted");
         *left -= 1;
-        let rgba = if *left > 0 { texels[at].clone() } else { std::mem::take(&mut texels[at]) };
+        let mut rgba = if *left > 0 { texels[at].clone() } else { std::mem::take(&mut texels[at]) };
+        make.apply(&mut rgba);
         Texture { width: encoded[at].size.0, height: encoded[at].size.1, encoding, texels: Cow::Owned(rgba) }
     });
     Ok(textures.collect())
@@ -97,14 +145,15 @@ fn open<'a>(buffers: &'a Buffers, index: usize, budget: &mut Budget) -> Result<E
     let format = match &bytes[..] {
         [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
         [0xFF, 0xD8, ..] => ImageFormat::Jpeg,
+        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => ImageFormat::WebP,
         other => {
-            let what = match other {
-                [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => "an image is WebP",
-                [0xAB, b'K', b'T', b'X', ..] => "an image is KTX",
-                _ => "an image is neither PNG nor JPEG",
+            let (what, help) = match other {
+                [0xAB, b'K', b'T', b'X', ..] => ("an image is KTX", "run: gltf-transform ktxdecompress IN.glb OUT.glb"),
+                [_, _, _, _, b'f', b't', b'y', b'p', ..] => ("an image is AVIF", "convert it to PNG or JPEG"),
+                [b'D', b'D', b'S', b' ', ..] => ("an image is DDS", "convert it to PNG or JPEG"),
+                _ => ("an image is neither PNG, JPEG nor WebP", "convert it to PNG or JPEG"),
             };
-            let (file, what) = (source.name(), what.to_string());
-            return Err(SceneError::Image { file, at, what, help: "convert it to PNG or JPEG".to_string() });
+            return Err(SceneError::Image { file: source.name(), at, what: what.to_string(), help: help.to_string() });
         }
     };
     let size = match format {
@@ -115,7 +164,7 @@ fn open<'a>(buffers: &'a Buffers, index: usize, budget: &mut Budget) -> Result<E
         }
         _ => {
             // The decoder paints what is missing grey; better to say so.
-            if !bytes.windows(2).any(|marker| marker == [0xFF, 0xD9]) {
+            if format == ImageFormat::Jpeg && !bytes.windows(2).any(|marker| marker == [0xFF, 0xD9]) {
                 return Err(broken(source, &at, "the JPEG is cut short"));
             }
             let reader = ImageReader::with_format(Cursor::new(&bytes[..]), format);

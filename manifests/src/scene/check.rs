@@ -85,6 +85,12 @@ pub fn check(manifest: &SceneManifest, file: &str, text: &str) -> Result<(), Man
 
 fn check_source(manifest: &SceneManifest, checker: &Checker) -> Result<(), ManifestError> {
     let source = &manifest.scene;
+    if let Some(variant) = &source.variant {
+        if source.gltf.is_none() {
+            return Err(checker.unsupported("scene.variant", "a variant of parts", "write `variant` into each [[scene.part]]"));
+        }
+        checker.not_empty("scene.variant", variant)?;
+    }
     match (&source.gltf, source.part.is_empty()) {
         (Some(gltf), true) => checker.not_empty("scene.gltf", gltf),
         (None, true) => Err(checker.unsupported("scene", "[scene] names no file", "write `gltf = \"room.glb\"` in it")),

@@ -92,7 +92,7 @@ impl SceneManifest {
     pub fn for_gltf(path: &str) -> SceneManifest {
         SceneManifest {
             format: version::SCENE_FORMAT,
-            scene: SceneSource { gltf: Some(path.to_string()), part: Vec::new() },
+            scene: SceneSource { gltf: Some(path.to_string()), ..SceneSource::default() },
             environment: Vec::new(),
             bake: BakeSection::default(),
             material: Vec::new(),

@@ -12,6 +12,9 @@ pub struct SceneSource {
     /// A glTF 2.0 file (.glb or .gltf), relative to this file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gltf: Option<String>,
+    /// Which of the file's material variants (KHR_materials_variants) to use, by name; without it, none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub variant: Option<String>,
     /// Several files instead of `gltf`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub part: Vec<ScenePart>,
@@ -28,6 +31,9 @@ pub struct ScenePart {
     /// Moves it, metres.
     #[serde(default)]
     pub translate: [f64; 3],
+    /// Which of the file's material variants (KHR_materials_variants) to use, by name; without it, none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub variant: Option<String>,
 }
 
 /// `[[environment]]`: a light.

@@ -135,6 +135,7 @@ fn what_this_build_cannot_do_is_named_with_a_way_out() {
         (with(brdf), "scene.toml:6:8: the `ward` surface is not in this build yet"),
         (parts.to_string(), "a scene of parts is not in this build yet"),
         ("format = 1\n[scene]\n".to_string(), "[scene] names no file"),
+        ("format = 1\n[scene]\nvariant = \"b\"\n".to_string(), "a variant of parts"),
         ("format = 1\n[scene]\ngltf = \"a\"\n[[scene.part]]\ngltf = \"b\"\nname = \"c\"\n".to_string(), "both `gltf` and `part`"),
     ];
     for (text, what) in cases {

@@ -153,9 +153,7 @@ impl Asset {
         let error = |kind, what: String| Err(RuntimeError::Chunk { kind, digest: self.manifest.asset_digest.short(), what });
         let textures = self.textures.len() as u32;
         for material in &self.materials {
-            let references =
-                [material.base_color_texture, material.metallic_roughness_texture, material.emissive_texture, material.normal_texture];
-            if references.iter().flatten().any(|reference| reference.texture >= textures || reference.uv_set > 1) {
+            if material.textures().any(|reference| reference.texture >= textures || reference.uv_set > 1) {
                 return error("materials", format!("material {:?} names a texture that is not there", material.name));
             }
         }

@@ -281,9 +281,7 @@ impl<'a> Shader<'a> {
         let mut gathered =
             Gathered { id, edges, corners, mesh, object, points: corners.map(usable), material, texels: [0.0; 2], tangent_from_uv: None };
         if let Some(material) = material.filter(|_| !self.scene.clay) {
-            let references =
-                [material.base_color_texture, material.metallic_roughness_texture, material.emissive_texture, material.normal_texture];
-            for texture in references.iter().flatten().filter_map(|r| self.scene.textures.get(r.texture as usize)) {
+            for texture in material.textures().filter_map(|r| self.scene.textures.get(r.texture as usize)) {
                 gathered.texels = [gathered.texels[0].max(texture.width as f32), gathered.texels[1].max(texture.height as f32)];
             }
             if let (Some(reference), true) = (material.normal_texture, mesh.tangent.is_empty()) {
@@ -310,6 +308,9 @@ impl<'a> Shader<'a> {
             Some(material) => resolve(material, self.scene.textures, uv(mesh.uv0), uv(mesh.uv1), color),
             None => resolve(&Material { metallic: 0.0, ..Material::default() }, &[], [0.0; 2], [0.0; 2], [1.0; 4]),
         };
+        if surface.unlit && !self.scene.clay {
+            return (surface.emissive, surface.alpha);
+        }
         let (irradiance, glossy) = self.light(gathered, light_weights);
         let side = if gathered.edges.front { 1.0 } else { -1.0 };
         let front_normal = self.front_normal(gathered, weights);

@@ -210,6 +210,7 @@ fn emission_and_glossy_terms_add_up_as_documented() {
         metallic: 0.25,
         roughness: 0.3,
         emissive: [0.5, 0.0, 0.0],
+        unlit: false,
         normal_tangent: None,
     };
     let brdf = GltfSurface { base_color: surface.base_color, metallic: 0.25, roughness: 0.3 };

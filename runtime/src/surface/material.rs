@@ -1,4 +1,16 @@
-//! glTF 2.0 metallic-roughness material, resolved: factors and references to textures.
+//! glTF 2.0 metallic-roughness material with its extensions, resolved: factors and references to textures.
+//!
+//! What the extensions mean, with textures multiplied in (absent ones are 1):
+//!
+//! ```text
+//! dielectric  F0 = min(((ior − 1)/(ior + 1))² · specular_color, 1) · specular,  F90 = specular      KHR_materials_ior, _specular
+//! anisotropy  strength s, direction (cos, sin) of the rotation in the tangent frame: α_t = mix(α, 1, s²), α_b = α
+//! clearcoat   a second dielectric lobe of F0 = 0.04 and its own roughness over everything, clearcoat · F of it
+//! unlit       base colour is the radiance; nothing else counts                                         KHR_materials_unlit
+//! ```
+//!
+//! KHR_materials_pbrSpecularGlossiness arrives here as: base colour = diffuse, metallic 0, ior 0 (so that the reflectance is
+//! `specular_color` itself), roughness = 1 − glossiness.
 
 use serde::{Deserialize, Serialize};
 
@@ -46,6 +58,7 @@ pub enum AlphaMode {
 
 /// A surface as glTF describes it. Colours are linear Rec.709.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Material {
     /// Name in the source, may be empty or shared.
     pub name: String,
@@ -67,6 +80,36 @@ pub struct Material {
     pub normal_texture: Option<TextureRef>,
     /// Scale of the normal texture's x and y.
     pub normal_scale: f32,
+    /// Index of refraction of the dielectric: 0, or at least 1. 1.5 reflects 0.04; 0 stands for a reflectance of 1.
+    pub ior: f32,
+    /// Strength of the dielectric's reflection, 0..1.
+    pub specular: f32,
+    /// Linear: A, times `specular`.
+    pub specular_texture: Option<TextureRef>,
+    /// Colour of the dielectric's reflection along the normal, not negative, may exceed 1.
+    pub specular_color: [f32; 3],
+    /// sRGB, times `specular_color`.
+    pub specular_color_texture: Option<TextureRef>,
+    /// Strength of anisotropy, 0..1.
+    pub anisotropy: f32,
+    /// Direction of stretched highlights, radians counter-clockwise from the tangent.
+    pub anisotropy_rotation: f32,
+    /// Linear: R, G are the direction in −1..1 (turned further by the rotation), B the strength, times `anisotropy`.
+    pub anisotropy_texture: Option<TextureRef>,
+    /// Strength of the clear coat, 0..1.
+    pub clearcoat: f32,
+    /// Linear: R, times `clearcoat`.
+    pub clearcoat_texture: Option<TextureRef>,
+    /// Perceptual roughness of the clear coat, 0..1.
+    pub clearcoat_roughness: f32,
+    /// Linear: G, times `clearcoat_roughness`.
+    pub clearcoat_roughness_texture: Option<TextureRef>,
+    /// Tangent-space normal of the clear coat, linear; without it the coat follows the mesh, not `normal_texture`.
+    pub clearcoat_normal_texture: Option<TextureRef>,
+    /// Scale of the clear coat's normal texture's x and y.
+    pub clearcoat_normal_scale: f32,
+    /// Shown as its base colour, whatever the light.
+    pub unlit: bool,
     /// What alpha does.
     pub alpha_mode: AlphaMode,
     /// Seen and shaded from both sides. Single-sided surfaces block light from both sides too.
@@ -89,9 +132,67 @@ impl Default for Material {
             emissive_texture: None,
             normal_texture: None,
             normal_scale: 1.0,
+            ior: 1.5,
+            specular: 1.0,
+            specular_texture: None,
+            specular_color: [1.0; 3],
+            specular_color_texture: None,
+            anisotropy: 0.0,
+            anisotropy_rotation: 0.0,
+            anisotropy_texture: None,
+            clearcoat: 0.0,
+            clearcoat_texture: None,
+            clearcoat_roughness: 0.0,
+            clearcoat_roughness_texture: None,
+            clearcoat_normal_texture: None,
+            clearcoat_normal_scale: 1.0,
+            unlit: false,
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
             occludes: None,
         }
+    }
+}
+
+impl Material {
+    /// Set of texture coordinates that its tangents follow: that of the normal map, else of the anisotropy, else of the coat's normal
+    /// map. `None` where nothing needs tangents.
+    pub fn tangent_uv_set(&self) -> Option<u32> {
+        let set = |reference: Option<TextureRef>| reference.map(|r| r.uv_set);
+        let anisotropy = (self.anisotropy > 0.0).then(|| set(self.anisotropy_texture).unwrap_or(0));
+        set(self.normal_texture).or(anisotropy).or(set(self.clearcoat_normal_texture))
+    }
+
+    /// Every texture that it names.
+    pub fn textures(&self) -> impl Iterator<Item = TextureRef> {
+        let all = [
+            self.base_color_texture,
+            self.metallic_roughness_texture,
+            self.emissive_texture,
+            self.normal_texture,
+            self.specular_texture,
+            self.specular_color_texture,
+            self.anisotropy_texture,
+            self.clearcoat_texture,
+            self.clearcoat_roughness_texture,
+            self.clearcoat_normal_texture,
+        ];
+        all.into_iter().flatten()
+    }
+
+    /// Every place for a texture, to be changed.
+    pub fn texture_slots(&mut self) -> [&mut Option<TextureRef>; 10] {
+        [
+            &mut self.base_color_texture,
+            &mut self.metallic_roughness_texture,
+            &mut self.emissive_texture,
+            &mut self.normal_texture,
+            &mut self.specular_texture,
+            &mut self.specular_color_texture,
+            &mut self.anisotropy_texture,
+            &mut self.clearcoat_texture,
+            &mut self.clearcoat_roughness_texture,
+            &mut self.clearcoat_normal_texture,
+        ]
     }
 }

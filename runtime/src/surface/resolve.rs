@@ -20,6 +20,8 @@ pub struct SurfaceSample {
     pub roughness: f32,
     /// Emitted radiance, not negative.
     pub emissive: [f32; 3],
+    /// Nothing is reflected: `emissive` is all there is, the base colour of an unlit material.
+    pub unlit: bool,
     /// Unit normal of the normal map in the frame (tangent, bitangent, normal); `None` without a normal map.
     pub normal_tangent: Option<[f32; 3]>,
 }
@@ -37,12 +39,25 @@ pub fn resolve(material: &Material, textures: &[Texture], uv0: [f32; 2], uv1: [f
         normalized([xy[0], xy[1], texel[2] * 2.0 - 1.0]).unwrap_or([0.0, 0.0, 1.0])
     });
     let alpha = if material.alpha_mode == AlphaMode::Opaque { 1.0 } else { unit(material.base_color[3] * color[3] * vertex_color[3]) };
+    let base_color = std::array::from_fn(|k| unit(material.base_color[k] * color[k] * vertex_color[k]));
+    if material.unlit {
+        return SurfaceSample {
+            base_color: [0.0; 3],
+            alpha,
+            metallic: 0.0,
+            roughness: 1.0,
+            emissive: base_color,
+            unlit: true,
+            normal_tangent: None,
+        };
+    }
     SurfaceSample {
-        base_color: std::array::from_fn(|k| unit(material.base_color[k] * color[k] * vertex_color[k])),
+        base_color,
         alpha,
         metallic: unit(material.metallic * metallic_roughness[2]),
         roughness: unit(material.roughness * metallic_roughness[1]),
         emissive: std::array::from_fn(|k| (material.emissive[k] * emissive[k]).max(0.0)),
+        unlit: false,
         normal_tangent,
     }
 }
@@ -145,6 +160,8 @@ mod tests {
         assert_eq!(surface.alpha, resolve_alpha(&material, &textures, [0.3; 2], [0.0; 2], 1.0));
         assert!((surface.roughness - 0.1).abs() < 1e-6 && (surface.metallic - 0.4).abs() < 1e-6);
         assert_eq!(surface.normal_tangent, None);
+        let unlit = resolve(&Material { unlit: true, ..material.clone() }, &textures, [0.3; 2], [0.0; 2], [1.0, 0.5, 2.0, 1.0]);
+        assert_eq!((unlit.emissive, unlit.base_color, unlit.alpha), ([0.5, 0.5, 0.5], [0.0; 3], surface.alpha));
         let opaque = Material { alpha_mode: AlphaMode::Opaque, ..material };
         assert_eq!(resolve(&opaque, &textures, [0.0; 2], [0.0; 2], [1.0; 4]).alpha, 1.0);
     }
