@@ -3,7 +3,7 @@
 //! 1. **What to show.** Everything; but when a flat ground reaches far beyond what stands on it, what stands on it, with room around.
 //! 2. **From where.** Candidates on a sphere, glTF's front (+Z) to the viewer, are drawn small and scored by how much they tell: the
 //!    entropy of the picture over parts of the scene (a lattice of cells times six directions of the surface), times a preference for the
-//!    usual three-quarter view from a little above. Walls, open tops, thin plates and rooms decide by what they hide: nothing is special-cased.
+//!    usual three-quarter view from a little above, higher above what lies flat. Walls, open tops, thin plates and rooms decide by what they hide: nothing is special-cased.
 //! 3. **How far.** The nearest eye from which every vertex lies inside the frame with a margin, in closed form.
 //!
 //! The same scene gives the same view on every machine: f64 and `libm`, no random numbers.
@@ -43,7 +43,7 @@ pub fn automatic_view(meshes: &[Mesh], materials: &[Material], textures: &[Textu
     let score = |azimuth: f64, elevation: f64| {
         let camera = view(subject.hull.iter().copied(), azimuth, elevation, aspect, subject.fill);
         let told = Visibility::new(meshes, materials, textures, &camera, size, 1).map_or(0.0, |seen| subject.entropy(meshes, &seen));
-        told * preference(azimuth, elevation)
+        told * preference(azimuth, elevation, subject.ideal_elevation)
     };
     let by_azimuth = map_indices(AZIMUTHS.len(), |i| score(AZIMUTHS[i], FIRST_ELEVATION));
     let mut order: Vec<usize> = (0..AZIMUTHS.len()).collect();
@@ -56,11 +56,11 @@ pub fn automatic_view(meshes: &[Mesh], materials: &[Material], textures: &[Textu
 }
 
 /// Factor for what people expect: from the front, turned a little, from a little above.
-fn preference(azimuth: f64, elevation: f64) -> f64 {
+fn preference(azimuth: f64, elevation: f64, ideal_elevation: f64) -> f64 {
     let turned = (azimuth.abs() - 30.0).abs() / 150.0;
-    let tilted = (elevation - 22.0).abs() / 68.0;
+    let tilted = (elevation - ideal_elevation).abs() / 70.0;
     let left = if azimuth < 0.0 { 0.01 } else { 0.0 };
-    1.0 - 0.22 * turned - 0.25 * tilted * tilted - left
+    1.0 - 0.22 * turned - 0.8 * tilted * tilted - left
 }
 
 /// What the view is about.
@@ -70,6 +70,8 @@ struct Subject {
     low: [f64; 3],
     size: f64,
     fill: f64,
+    /// Degrees: 20 for what stands, up to 60 for what lies flat.
+    ideal_elevation: f64,
 }
 
 impl Subject {
@@ -98,7 +100,9 @@ impl Subject {
             hull.extend(mesh.position.iter().zip(used).filter(|(_, used)| *used).map(|(p, _)| *p));
         }
         let size = extent(shown).iter().fold(0.0f64, |m, v| m.max(*v)).max(f64::MIN_POSITIVE);
-        Some(Subject { hull, low: shown[0], size, fill })
+        let [wide, high, deep] = extent(shown);
+        let flatness = (1.0 - 2.0 * high / wide.max(deep).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        Some(Subject { hull, low: shown[0], size, fill, ideal_elevation: 20.0 + 40.0 * flatness })
     }
 
     /// −Σ p ln p over the parts of the scene that the pixels show, times a power of the share of the frame that they fill.
