@@ -7,6 +7,7 @@
 //! Stages do not nest: beginning one ends the one before. Nothing that a bake computes depends on anything here.
 
 use crate::error::BakeError;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Where the library reports to and learns that it should stop. All methods may be called from any thread.
 pub trait Progress: Send + Sync {
@@ -70,6 +71,33 @@ impl Progress for Silent {
     fn warning(&self, _: &str) {}
     fn is_cancelled(&self) -> bool {
         false
+    }
+}
+
+/// Says nothing, and stops once a number of steps are done: for tests of stopping, and for apps with a budget of work.
+#[derive(Debug, Default)]
+pub struct StopAfter {
+    steps: u64,
+    done: AtomicU64,
+}
+
+impl StopAfter {
+    /// Stops after `steps` steps of all stages together; 0 stops at once.
+    pub fn steps(steps: u64) -> Self {
+        StopAfter { steps, done: AtomicU64::new(0) }
+    }
+}
+
+impl Progress for StopAfter {
+    fn begin(&self, _: &str, _: Option<u64>, _: &str) {}
+    fn advance(&self, n: u64) {
+        self.done.fetch_add(n, Ordering::Relaxed);
+    }
+    fn end(&self) {}
+    fn message(&self, _: &str) {}
+    fn warning(&self, _: &str) {}
+    fn is_cancelled(&self) -> bool {
+        self.done.load(Ordering::Relaxed) >= self.steps
     }
 }
 

@@ -232,7 +232,7 @@ fn bad_environments_and_assets_are_refused() {
     }
     // Plausible but for the digest of the whole: corrupt.
     write("bytes.json", edited(&|a| a["content"]["objects"][0]["mesh"]["bytes"] = json!(u64::MAX)).as_bytes());
-    refused(folder, &["render", "bytes.json", "-e", "sky.hdr"], 6, "the file was edited");
+    refused(folder, &["render", "bytes.json", "-e", "sky.hdr"], 6, "bytes.json: its content hashes to");
     assert!(!folder.join("render.png").exists(), "a refused picture was written");
 }
 

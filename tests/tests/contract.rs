@@ -1,11 +1,10 @@
 //! Same input, same digest: on any number of threads, in any order, interrupted and resumed.
 
 use prelight_bake::bake::bake;
-use prelight_bake::progress::Progress;
+use prelight_bake::progress::StopAfter;
 use prelight_bake::{BakeError, seal};
 use prelight_store::Store;
 use prelight_tests::{bake_into, cuboid, options, scene, still_life};
-use std::sync::atomic::{AtomicU64, Ordering};
 
 fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
@@ -26,25 +25,6 @@ fn threads_and_order_of_shards_and_memory_change_no_digest() {
     }
 }
 
-/// Says stop after a number of points.
-struct StopAfter {
-    points: u64,
-    seen: AtomicU64,
-}
-
-impl Progress for StopAfter {
-    fn begin(&self, _: &str, _: Option<u64>, _: &str) {}
-    fn advance(&self, n: u64) {
-        self.seen.fetch_add(n, Ordering::Relaxed);
-    }
-    fn end(&self) {}
-    fn message(&self, _: &str) {}
-    fn warning(&self, _: &str) {}
-    fn is_cancelled(&self) -> bool {
-        self.seen.load(Ordering::Relaxed) >= self.points
-    }
-}
-
 #[test]
 fn a_bake_that_was_stopped_resumes_to_the_same_digest_and_traces_only_the_rest() {
     let scene = still_life();
@@ -55,7 +35,7 @@ fn a_bake_that_was_stopped_resumes_to_the_same_digest_and_traces_only_the_rest()
     for points in [1, 300, 900, 1700] {
         let path = folder.path().join(format!("stopped-{points}"));
         let store = Store::open_or_create(&path).unwrap();
-        match bake(&scene, &options, &store, &StopAfter { points, seen: AtomicU64::new(0) }) {
+        match bake(&scene, &options, &store, &StopAfter::steps(points)) {
             Err(BakeError::Cancelled) => stopped += 1,
             Ok(_) => {}
             Err(error) => panic!("{error}"),

@@ -1,4 +1,4 @@
-//! A scene read, resolved and ready: what `plan`, `bake`, `check` and the reference of `render` begin with.
+//! A scene read, resolved and ready: what `plan` and `bake` begin with.
 
 use super::args::BakeKnobs;
 use super::{Context, Failure};

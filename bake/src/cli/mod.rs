@@ -12,6 +12,7 @@ mod diff;
 mod exit;
 mod init;
 mod inspect;
+mod instructions;
 mod interrupt;
 mod loaded;
 mod opened;
@@ -168,6 +169,7 @@ fn run_verb(verb: Verb, global: &GlobalArgs, reporter: &Reporter) -> Result<Summ
         store: global.store.clone(),
         dry_run: global.dry_run,
     };
+    instructions::check()?;
     let run = std::panic::AssertUnwindSafe(|| verb.run(&context));
     std::panic::catch_unwind(run).unwrap_or_else(|_| {
         let text = "this is a bug in prelight\n  help: please report it with the message above and the command line";
@@ -255,15 +257,9 @@ fn long_version() -> &'static str {
             version::ALGORITHM_VERSION,
             version::EVENT_VERSION,
             prelight_manifests::Technique::BUILT_IN.join(", "),
-            simd(),
+            instructions::in_force(),
         )
     })
-}
-
-/// The instructions in force, `PRELIGHT_SIMD` heeded.
-fn simd() -> String {
-    let (tracing, shading) = (prelight_bake::trace::SimdPath::detect(), prelight_runtime::block_product::SimdPath::detect());
-    format!("tracing {tracing:?}, shading {shading:?}").to_lowercase()
 }
 
 #[cfg(test)]

@@ -1,13 +1,14 @@
 //! An asset and an environment opened: what `render` and `inspect` begin with.
 
 use super::args::ViewArgs;
-use super::read::{parse_asset, read};
+use super::read::{parse_asset, read, read_environment};
 use super::{Context, ExitCode, Failure};
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::mesh::Mesh;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::framing::automatic_view;
-use prelight_runtime::environment::{Environment, Limits};
+use prelight_runtime::environment::Environment;
+use prelight_runtime::error::RuntimeError;
 use prelight_store::Store;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -24,7 +25,14 @@ pub fn open_asset(file: &Path, context: &Context) -> Result<Asset, Failure> {
         (None, None) => super::bake::default_store(file),
     };
     let store = Store::open(&folder)?;
-    Ok(Asset::open(manifest, &store)?)
+    Asset::open(manifest, &store).map_err(|error| match error {
+        // The manifest is a chunk to the runtime, which knows no file; a person has a file in hand.
+        RuntimeError::Chunk { kind: "asset", what, .. } => {
+            let text = format!("{}: {what}, or damaged\n  help: bake again, or take the file from a copy", file.display());
+            Failure::text(ExitCode::Corrupt, text)
+        }
+        error => anyhow::Error::new(error).context(format!("opening {}", file.display())).into(),
+    })
 }
 
 /// The environment of that name in the asset, else the file; turned by `rotate` degrees more.
@@ -48,12 +56,8 @@ pub fn open_environment(asset: &Asset, name: &str, rotate: f32, context: &Contex
         };
         return Err(Failure::text(ExitCode::Input, format!("there is no environment {name}\n  help: {help}")));
     }
-    let bytes = read(&path, context.memory)?;
-    let limits = Limits { max_bytes: context.memory.0 };
-    let (environment, report) = Environment::decode(&path.display().to_string(), &bytes, &limits)?;
-    for warning in report.warnings() {
-        context.progress().warning(&format!("{}: {warning}", path.display()));
-    }
+    let (environment, warnings) = read_environment(&path, context.memory)?;
+    warnings.iter().for_each(|warning| context.progress().warning(warning));
     Ok(environment.with_rotation(turned + f64::from(rotate)).with_intensity(intensity as f32))
 }
 

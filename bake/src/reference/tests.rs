@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::plan::test_scenes::{IDENTITY, add, cuboid, quad, scene, sphere};
-use crate::progress::Silent;
+use crate::progress::{Silent, StopAfter};
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::surface::{AlphaMode, Material};
 
@@ -220,20 +220,9 @@ fn a_noise_target_stops_early_and_cancelling_stops_at_once() {
     let tight = render(&scene, &white(), &camera, &ReferenceOptions { noise_target: Some(0.02), clay: true, ..options(8, 4096) });
     assert!(tight.samples_per_pixel > loose.samples_per_pixel && tight.noise.unwrap() <= 0.02);
 
-    struct Stopped;
-    impl Progress for Stopped {
-        fn begin(&self, _: &str, _: Option<u64>, _: &str) {}
-        fn advance(&self, _: u64) {}
-        fn end(&self) {}
-        fn message(&self, _: &str) {}
-        fn warning(&self, _: &str) {}
-        fn is_cancelled(&self) -> bool {
-            true
-        }
-    }
     let world = World::build(&scene);
     let occluders = Occluders::build(&world, &[], OccluderOptions::default());
-    let stopped = render_reference(&scene, &world, &occluders, &white(), &camera, &options(8, 1 << 30), &Stopped);
+    let stopped = render_reference(&scene, &world, &occluders, &white(), &camera, &options(8, 1 << 30), &StopAfter::steps(0));
     assert!(matches!(stopped, Err(BakeError::Cancelled)));
 }
 

@@ -1,7 +1,7 @@
 //! From the path that a person gave to a scene manifest and the folder that its paths are relative to.
 
 use super::overrides::{self, ObjectKnobs};
-use super::{Scene, gltf, smooth};
+use super::{Scene, file, gltf, parts, smooth};
 use crate::error::BakeError;
 use prelight_manifests::SceneManifest;
 use prelight_manifests::scene::EnvironmentEntry;
@@ -61,7 +61,7 @@ impl SceneInput {
         }
     }
 
-    /// The glTF file.
+    /// The single file of a scene without parts.
     pub fn gltf_path(&self) -> PathBuf {
         self.folder.join(self.manifest.gltf())
     }
@@ -71,12 +71,15 @@ impl SceneInput {
         self.folder.join(&entry.image)
     }
 
-    /// Reads the glTF file and applies the manifest's rules: what planning works on. Warnings of both are in [`Scene::warnings`].
+    /// Reads the files and applies the manifest's rules: what planning works on. Warnings of both are in [`Scene::warnings`].
     ///
     /// `memory` bounds what loading may hold, bytes.
     pub fn load(&self, memory: u64) -> Result<LoadedScene, BakeError> {
         let limits = gltf::LoadLimits { max_bytes: memory };
-        let mut scene = gltf::load_variant(&self.gltf_path(), &limits, self.manifest.scene.variant.as_deref())?;
+        let mut scene = match &self.manifest.scene.part[..] {
+            [] => file::load(&self.gltf_path(), self.manifest.scene.variant.as_deref(), &limits)?,
+            parts => parts::load(parts, &self.folder, &limits)?,
+        };
         overrides::apply_materials(&self.manifest, &mut scene)?;
         let (knobs, warnings) = overrides::object_knobs(&self.manifest, &scene.objects)?;
         scene.warnings.extend(warnings);

@@ -1,4 +1,4 @@
-//! A glTF scene in memory: what `scene::gltf` reads, what planning, tracing and the reference work on.
+//! A scene in memory: what `scene::file` reads, what planning, tracing and the reference work on.
 //!
 //! [`Scene`] is the file resolved: meshes shared by instances, materials, textures decoded to RGBA8. [`world::World`] is the same
 //! geometry flattened: every instance's triangles in world space, f64 products rounded once.
@@ -8,6 +8,7 @@ mod document;
 mod error;
 pub mod export;
 mod extension;
+pub mod file;
 #[cfg(test)]
 mod fixture;
 mod glb;
@@ -24,6 +25,7 @@ mod material_tests;
 mod mesh;
 mod node;
 pub mod overrides;
+mod parts;
 mod resource;
 #[cfg(test)]
 mod shared_scenes;

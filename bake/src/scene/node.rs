@@ -212,7 +212,7 @@ fn local(source: Source, index: usize, node: &Node) -> Result<Matrix, SceneError
     Ok(m)
 }
 
-fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
+pub(super) fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
     let mut m = IDENTITY;
     for c in 0..4 {
         for r in 0..3 {

@@ -1,8 +1,9 @@
 //! `[[material]]` and `[[object]]` rules of a scene manifest, applied.
 //!
 //! Patterns are globs: `*`, `?`, `[ab]` and `{a,b}` as in a shell. Materials match by name. Objects match by their path of node names
-//! (`*` stays within one step of it, `**` crosses steps), or, for a pattern without `/`, by the last step. Where several rules match,
-//! the last one that sets a value wins. A rule that matches nothing is a warning: most often a slip of the pen.
+//! (`*` stays within one step of it, `**` crosses steps), or, for a pattern without `/`, by the last step. In a scene of parts,
+//! materials are called `part/Name` and match by that or by `Name` alone. Where several rules match, the last one that sets a value
+//! wins. A rule that matches nothing is a warning: most often a slip of the pen.
 
 use super::{Object, Scene};
 use crate::error::BakeError;
@@ -47,8 +48,10 @@ fn object_matches(glob: &GlobMatcher, pattern: &str, name: &str) -> bool {
 pub fn apply_materials(manifest: &SceneManifest, scene: &mut Scene) -> Result<(), BakeError> {
     for (i, rule) in manifest.material.iter().enumerate() {
         let glob = matcher(&format!("material[{i}].match"), &rule.pattern, false)?;
+        let own = |name: &str| !manifest.scene.part.is_empty() && name.split_once('/').is_some_and(|(_, own)| glob.is_match(own));
+        let matches = |name: &str| glob.is_match(name) || own(name);
         let mut n_matches = 0;
-        for material in scene.materials.iter_mut().filter(|material| glob.is_match(&material.name)) {
+        for material in scene.materials.iter_mut().filter(|material| matches(&material.name)) {
             apply(rule, material);
             n_matches += 1;
         }

@@ -1,7 +1,7 @@
 //! Ranges, names that must be unique, and what this build cannot do yet.
 
 use super::position::place;
-use super::{Brdf, SceneManifest};
+use super::{Brdf, SceneManifest, SceneSource};
 use crate::ManifestError;
 use std::fmt::Display;
 
@@ -11,6 +11,12 @@ const MAX_EDGE_LENGTH: f64 = 1e6;
 const MIN_EDGE_LENGTH: f64 = 1e-6;
 /// Radiance and intensity beyond this overflow f32 sums over a cubemap.
 const MAX_RADIANCE: f64 = 1e12;
+/// A hundred turns; beyond, a slip of the pen is likelier.
+const MAX_TURN_DEG: f64 = 36_000.0;
+/// Farthest that a part may be moved, metres: f32 positions there are a metre apart.
+const MAX_DISTANCE: f64 = 1e7;
+/// Smallest scale of a part, and the inverse of the largest.
+const MIN_SCALE: f64 = 1e-6;
 
 struct Checker<'a> {
     file: &'a str,
@@ -98,22 +104,38 @@ fn check_source(manifest: &SceneManifest, checker: &Checker) -> Result<(), Manif
             Err(checker.unsupported("scene.gltf", "[scene] has both `gltf` and `part`", "keep one: a single file, or parts"))
         }
         (None, false) => {
-            for (i, part) in source.part.iter().enumerate() {
-                checker.not_empty(&format!("scene.part[{i}].gltf"), &part.gltf)?;
-                checker.not_empty(&format!("scene.part[{i}].name"), &part.name)?;
-                if source.part[..i].iter().any(|before| before.name == part.name) {
-                    let value = format!("\"{}\"", part.name);
-                    return Err(checker.range(&format!("scene.part[{i}].name"), value, "a name that no part before it has"));
-                }
-                if part.translate.iter().any(|x| !x.is_finite()) {
-                    let value = format!("{:?}", part.translate);
-                    return Err(checker.range(&format!("scene.part[{i}].translate"), value, "three finite numbers"));
-                }
+            for i in 0..source.part.len() {
+                check_part(source, i, checker)?;
             }
-            let help = "join the files into one glTF and name it with `gltf`";
-            Err(checker.unsupported("scene.part", "a scene of parts is not in this build yet", help))
+            Ok(())
         }
     }
+}
+
+fn check_part(source: &SceneSource, i: usize, checker: &Checker) -> Result<(), ManifestError> {
+    let (part, field) = (&source.part[i], |key: &str| format!("scene.part[{i}].{key}"));
+    checker.not_empty(&field("gltf"), &part.gltf)?;
+    // The place of a name that was not written is that of the file it comes from.
+    let named = field(if part.name.is_some() { "name" } else { "gltf" });
+    checker.not_empty(&named, part.name())?;
+    let quoted = || format!("\"{}\"", part.name());
+    if part.name().contains('/') {
+        return Err(checker.range(&named, quoted(), "a name without `/`, which stands between the steps of objects' names"));
+    }
+    if source.part[..i].iter().any(|before| before.name() == part.name()) {
+        let expected = match part.name {
+            Some(_) => "a name that no part before it has",
+            None => "a `name` in this part: one before it has the name of the file already",
+        };
+        return Err(checker.range(&named, quoted(), expected));
+    }
+    let within = |key: &str, values: [f64; 3], most: f64| match values.iter().all(|x| x.abs() <= most) {
+        true => Ok(()),
+        false => Err(checker.range(&field(key), format_args!("{values:?}"), format_args!("three numbers in -{most}..={most}"))),
+    };
+    within("translate", part.translate, MAX_DISTANCE)?;
+    within("rotate_deg", part.rotate_deg, MAX_TURN_DEG)?;
+    checker.within(&field("scale"), Some(part.scale), MIN_SCALE, 1.0 / MIN_SCALE)
 }
 
 fn check_environments(manifest: &SceneManifest, checker: &Checker) -> Result<(), ManifestError> {
@@ -124,7 +146,7 @@ fn check_environments(manifest: &SceneManifest, checker: &Checker) -> Result<(),
         if manifest.environment[..i].iter().any(|before| before.name == entry.name) {
             return Err(checker.range(&field("name"), format_args!("\"{}\"", entry.name), "a name that no environment before it has"));
         }
-        checker.within(&field("rotate_y_deg"), Some(entry.rotate_y_deg), -36_000.0, 36_000.0)?;
+        checker.within(&field("rotate_y_deg"), Some(entry.rotate_y_deg), -MAX_TURN_DEG, MAX_TURN_DEG)?;
         checker.within(&field("intensity"), Some(entry.intensity), 0.0, MAX_RADIANCE)?;
     }
     Ok(())

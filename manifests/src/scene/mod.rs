@@ -101,7 +101,7 @@ impl SceneManifest {
         }
     }
 
-    /// Path of the glTF file, relative to the manifest's folder. Never empty after [`SceneManifest::parse`].
+    /// Path of the single file, relative to the manifest's folder; empty in a scene of parts.
     pub fn gltf(&self) -> &str {
         self.scene.gltf.as_deref().unwrap_or_default()
     }

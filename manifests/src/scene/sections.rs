@@ -5,7 +5,7 @@ use crate::{ByteSize, Technique};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `[scene]`: one glTF file, or several parts.
+/// `[scene]`: one file, or several parts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneSource {
@@ -20,20 +20,37 @@ pub struct SceneSource {
     pub part: Vec<ScenePart>,
 }
 
-/// `[[scene.part]]`: one of several glTF files.
+/// `[[scene.part]]`: one of several files, placed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScenePart {
-    /// A glTF 2.0 file, relative to this file.
+    /// A glTF 2.0 file (.glb or .gltf), relative to this file. Parts may share one: it is read and stored once.
     pub gltf: String,
-    /// First part of its objects' names; unique.
-    pub name: String,
-    /// Moves it, metres.
+    /// First step of its objects' and materials' names, without `/`; unique. Without it, the file's name without extension.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Moves it, metres; after `scale` and `rotate_deg`.
     #[serde(default)]
     pub translate: [f64; 3],
     /// Which of the file's material variants (KHR_materials_variants) to use, by name; without it, none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variant: Option<String>,
+    /// Turns it about X, then Y, then Z, degrees, right-handed; after `scale`. `[-90, 0, 0]` stands a file up whose Z is up.
+    #[serde(default)]
+    pub rotate_deg: [f64; 3],
+    /// Multiplies its size, above 0: 0.001 for a file in millimetres.
+    #[serde(default = "one")]
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub scale: f64,
+}
+
+impl ScenePart {
+    /// The name given, else that of the file without its folder and extension.
+    pub fn name(&self) -> &str {
+        let file = self.gltf.rsplit(['/', '\\']).next().unwrap_or_default();
+        let stem = file.rsplit_once('.').map_or(file, |(stem, _)| if stem.is_empty() { file } else { stem });
+        self.name.as_deref().unwrap_or(stem)
+    }
 }
 
 /// `[[environment]]`: a light.

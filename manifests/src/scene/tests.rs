@@ -130,10 +130,8 @@ fn values_out_of_range_name_field_place_and_what_may_stand_there() {
 #[test]
 fn what_this_build_cannot_do_is_named_with_a_way_out() {
     let brdf = "[[material]]\nmatch = \"a\"\nbrdf = { ward = { diffuse = [0.1,0.1,0.1], specular = [0.3,0.3,0.3], alpha = [0.08, 0.25] } }";
-    let parts = "format = 1\n[[scene.part]]\ngltf = \"a.glb\"\nname = \"a\"\n[[scene.part]]\ngltf = \"b.glb\"\nname = \"b\"\ntranslate = [1, 0, 0]\n";
     let cases = [
         (with(brdf), "scene.toml:6:8: the `ward` surface is not in this build yet"),
-        (parts.to_string(), "a scene of parts is not in this build yet"),
         ("format = 1\n[scene]\n".to_string(), "[scene] names no file"),
         ("format = 1\n[scene]\nvariant = \"b\"\n".to_string(), "a variant of parts"),
         ("format = 1\n[scene]\ngltf = \"a\"\n[[scene.part]]\ngltf = \"b\"\nname = \"c\"\n".to_string(), "both `gltf` and `part`"),
@@ -143,7 +141,36 @@ fn what_this_build_cannot_do_is_named_with_a_way_out() {
         assert!(matches!(error, ManifestError::Unsupported { .. }), "{error:?}");
         assert!(error.to_string().contains(what) && error.to_string().contains("help: "), "{error}");
     }
-    assert!(refused(&parts.replace("\"b\"\ntranslate", "\"a\"\ntranslate")).contains("scene.part[1].name"));
+}
+
+#[test]
+fn parts_have_places_and_names_of_their_own() {
+    let parts = |second: &str| format!("format = 1\n[[scene.part]]\ngltf = \"rooms/a.b.glb\"\n[[scene.part]]\n{second}\n");
+    let read = |second: &str| SceneManifest::parse("scene.toml", &parts(second));
+    let manifest =
+        read("gltf = \"rooms/a.b.glb\"\nname = \"twin\"\ntranslate = [1, 0, -2.5]\nrotate_deg = [-90, 0, 0]\nscale = 1e-3").unwrap();
+    let [first, twin] = &manifest.scene.part[..] else { panic!() };
+    assert_eq!((first.name(), first.translate, first.rotate_deg, first.scale), ("a.b", [0.0; 3], [0.0; 3], 1.0));
+    assert_eq!((twin.name(), twin.translate, twin.rotate_deg, twin.scale), ("twin", [1.0, 0.0, -2.5], [-90.0, 0.0, 0.0], 0.001));
+    assert_eq!(serde_json::from_slice::<SceneManifest>(&manifest.canonical()).unwrap(), manifest);
+
+    let cases = [
+        ("gltf = \"x/a.b.gltf\"", "scene.toml:5:8: scene.part[1].gltf = \"a.b\", expected a `name` in this part"),
+        ("gltf = \"c.glb\"\nname = \"a.b\"", "scene.toml:6:8: scene.part[1].name = \"a.b\", expected a name that no part before it has"),
+        ("gltf = \"c.glb\"\nname = \"a/b\"", "scene.part[1].name = \"a/b\", expected a name without `/`"),
+        ("gltf = \"c.glb\"\nname = \"\"", "scene.part[1].name = \"\""),
+        ("gltf = \"\"", "scene.part[1].gltf = \"\""),
+        ("gltf = \"c.glb\"\ntranslate = [0, nan, 0]", "scene.toml:6:13: scene.part[1].translate = [0.0, NaN, 0.0]"),
+        ("gltf = \"c.glb\"\nrotate_deg = [0, 1e9, 0]", "scene.part[1].rotate_deg"),
+        ("gltf = \"c.glb\"\nscale = 0", "scene.toml:6:9: scene.part[1].scale = 0"),
+        ("gltf = \"c.glb\"\nscale = -1", "scene.part[1].scale = -1"),
+        ("gltf = \"c.glb\"\nrotate = [0, 1, 0]", "did you mean `rotate_deg`?"),
+        ("name = \"c\"", "missing field `gltf`"),
+    ];
+    for (second, words) in cases {
+        let message = refused(&parts(second));
+        assert!(message.contains(words), "{second}: {message}");
+    }
 }
 
 #[test]
