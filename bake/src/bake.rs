@@ -5,10 +5,12 @@
 //! An object's chunks depend on the object, its knobs and on what can block light; never on the batch, the shard, the thread or the order,
 //! so any limit and any number of threads give the same digest.
 
-use crate::engine::threads::{PatchTask, Tracer};
+use crate::engine::patch::Shadowing;
+use crate::engine::threads::{Paranoid, PatchResult, PatchTask, Tracer};
 use crate::error::BakeError;
 use crate::plan::buried::BuriedProbe;
-use crate::plan::key::{geometry_key, sides_key};
+use crate::plan::layer::{MAX_LAYERS, layers};
+use crate::plan::pieces::Pieces;
 use crate::plan::surface::point_surfaces;
 use crate::plan::{ObjectPlan, PointParams, plan_object};
 use crate::progress::{Progress, Stage, check};
@@ -42,6 +44,26 @@ pub struct BakeOptions {
     pub memory: u64,
     /// Shuffles the order of shards, for tests; changes no bit.
     pub shuffle_shards: Option<u64>,
+    /// What concerns work that is already in the store.
+    pub rebake: RebakeOptions,
+}
+
+/// How finished work is found and used again. Changes no bit of an object that is baked.
+#[derive(Clone, Debug, Default)]
+pub struct RebakeOptions {
+    /// One per object: its layer of occluders, where the manifest fixes it ([`crate::plan::layer`]). May be shorter.
+    pub layers: Vec<Option<u8>>,
+    /// One per object: whether it is baked; all of them where this is `None`. What is not baked still blocks light.
+    pub only: Option<Vec<bool>>,
+    /// Traces some of what was taken from the store again and fails where it differs.
+    pub paranoid: Option<Paranoid>,
+}
+
+impl RebakeOptions {
+    /// Whether an object is baked.
+    pub fn wants(&self, object: usize) -> bool {
+        self.only.as_ref().is_none_or(|only| only.get(object).copied().unwrap_or(false))
+    }
 }
 
 /// Counts and times of a bake.
@@ -55,8 +77,10 @@ pub struct BakeStats {
     pub triangles: u64,
     /// Patches of all objects.
     pub patches: u64,
-    /// Patches whose visibility was traced; the rest came from the store.
+    /// Patches of which a tile was traced; the rest came from the store whole.
     pub patches_traced: u64,
+    /// Tiles: what was taken, what was traced.
+    pub tiles: TileStats,
     /// Points added because neighbours saw different things.
     pub points_split: u64,
     /// Plain bytes of all chunks that the asset names, each once.
@@ -65,6 +89,39 @@ pub struct BakeStats {
     pub bytes_stored: u64,
     /// Seconds per stage, in order.
     pub seconds: Vec<(&'static str, f64)>,
+}
+
+/// What became of tiles. A tile is a 96th of the directions of one patch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TileStats {
+    /// Above the horizon of some point.
+    pub live: u64,
+    /// Of patches that no record knew: all their live tiles.
+    pub new: u64,
+    /// Of patches that a record knew: traced, because something that reaches them is not as it was.
+    pub redone: u64,
+    /// Of those, the ones whose bits really changed.
+    pub changed: u64,
+    /// Live tiles of patches that a record knew.
+    pub known: u64,
+    /// Made by this bake: all 96 of a new patch, the redone ones of others.
+    pub traced: u64,
+}
+
+impl TileStats {
+    fn add(&mut self, result: &PatchResult) {
+        let live = u64::from(result.live.count_ones());
+        self.live += live;
+        if result.is_new {
+            self.new += live;
+            self.traced += crate::plan::tile::N_TILES as u64;
+        } else {
+            self.known += live;
+            self.redone += u64::from(result.redone.count_ones());
+            self.traced += u64::from(result.redone.count_ones());
+            self.changed += u64::from(result.changed.count_ones());
+        }
+    }
 }
 
 /// A finished bake, before its file is written.
@@ -84,44 +141,52 @@ pub struct Baked {
 /// [`BakeError::Cancelled`] as soon as the shards in flight are done, [`BakeError::Memory`] before any work when an object cannot fit, and
 /// what the store says.
 pub fn bake(scene: &Scene, options: &BakeOptions, store: &Store, progress: &dyn Progress) -> Result<Baked, BakeError> {
+    bake_world(scene, &World::build(scene), options, store, progress)
+}
+
+/// [`bake`] of a scene that is flattened already.
+///
+/// # Errors
+/// As [`bake`].
+pub fn bake_world(scene: &Scene, world: &World, options: &BakeOptions, store: &Store, progress: &dyn Progress) -> Result<Baked, BakeError> {
     let mut clock = Clock::default();
-    let world = World::build(scene);
-    let n_objects = scene.objects.len();
-    let counts = crate::plan::estimate::count_points(scene, &world, &options.points)?;
-    let batches = crate::plan::estimate::batches(&world, &counts, options.memory, rayon::current_num_threads())?;
+    let mut counts = crate::plan::estimate::count_points(scene, world, &options.points)?;
+    let wanted = |object: usize| options.rebake.wants(object);
+    counts.iter_mut().enumerate().filter(|(object, _)| !wanted(*object)).for_each(|(_, count)| *count = 0);
+    let batches = crate::plan::estimate::batches(world, &counts, options.memory, rayon::current_num_threads())?;
     clock.lap("plan");
 
     let occluder_options = OccluderOptions { quality: options.tree, ..OccluderOptions::default() };
-    let occluders = Occluders::build(&world, &scene.textures, occluder_options);
+    let layer_of = layers(scene, world, &options.rebake.layers);
+    let occluders = Occluders::build_layers(world, &scene.textures, occluder_options, &layer_of, MAX_LAYERS);
+    let pieces = Pieces::build(scene, world, &layer_of, MAX_LAYERS);
+    let names: Vec<&str> = scene.objects.iter().map(|object| object.name.as_str()).collect();
     let tracer = Tracer {
-        world: &world,
-        occluders: &occluders,
-        face_resolution: options.face_resolution,
-        geometry: geometry_key(scene, &world),
-        sides: sides_key(scene, &world),
-        probe: BuriedProbe::new(scene, &world),
+        shadowing: Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: options.face_resolution },
+        probe: BuriedProbe::new(scene, world),
+        names: &names,
         store,
         progress,
         shuffle: options.shuffle_shards,
+        paranoid: options.rebake.paranoid,
     };
     clock.lap("build");
 
     let mut stats = BakeStats::default();
-    let mut objects = Vec::with_capacity(n_objects);
+    let mut objects = Vec::with_capacity(scene.objects.len());
     let estimate = counts.iter().sum();
     for batch in batches {
         let stage = Stage::begin(progress, "bake", Some(estimate), "points");
         stage.advance(stats.points);
         let mut work: Vec<ObjectWork> = (batch.clone())
             .into_par_iter()
-            .map(|object| Ok(ObjectWork::new(plan_object(scene, &world, object, &options.points[object])?)))
+            .filter(|object| wanted(*object))
+            .map(|object| Ok(ObjectWork::new(plan_object(scene, world, object, &options.points[object])?)))
             .collect::<Result<_, BakeError>>()?;
         clock.lap("plan");
         for round in 0..=MAX_ROUNDS {
             check(progress)?;
-            let traced = trace_missing(&tracer, options, &mut work)?;
-            stats.patches_traced += traced.0;
-            stats.bytes_stored += traced.1;
+            trace_missing(&tracer, options, &mut work, &mut stats)?;
             clock.lap("trace");
             if round == MAX_ROUNDS {
                 break;
@@ -143,7 +208,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, store: &Store, progress: &dyn 
     }
     let scene_chunks = SceneChunks::put(scene, store)?;
     stats.bytes_stored += scene_chunks.bytes_stored;
-    let content = scene_chunks.content(scene, &world, options.face_resolution, objects);
+    let content = scene_chunks.content(world, options.face_resolution, objects);
     stats.bytes_resident = seal::resident_bytes(&content);
     let asset_digest = Digest(*blake3::hash(&content.canonical()).as_bytes());
     clock.lap("seal");
@@ -190,8 +255,8 @@ impl ObjectWork {
     }
 }
 
-/// Traces every patch that has no visibility yet; returns (patches traced, bytes stored).
-fn trace_missing(tracer: &Tracer, options: &BakeOptions, work: &mut [ObjectWork]) -> Result<(u64, u64), BakeError> {
+/// Looks up or traces every patch that has no visibility yet.
+fn trace_missing(tracer: &Tracer, options: &BakeOptions, work: &mut [ObjectWork], stats: &mut BakeStats) -> Result<(), BakeError> {
     let tasks: Vec<PatchTask> = (work.iter())
         .flat_map(|object| {
             let (plan, missing) = (&object.plan, &object.plan.patches[object.visibility.len()..]);
@@ -208,10 +273,13 @@ fn trace_missing(tracer: &Tracer, options: &BakeOptions, work: &mut [ObjectWork]
             let first = object.plan.patches[patch].first;
             let buried: Vec<u32> = result.buried.iter().map(|local| first + u32::from(*local)).collect();
             object.plan.mark_buried(&buried);
+            stats.patches_traced += u64::from(result.is_new || result.redone != 0);
+            stats.tiles.add(&result);
             object.visibility.push((result.visibility, result.chunk));
         }
     }
-    Ok((outcome.patches_traced, outcome.bytes_stored))
+    stats.bytes_stored += outcome.bytes_stored;
+    Ok(())
 }
 
 /// Puts what is final only now (areas change when triangles are split) and names every chunk of the objects.

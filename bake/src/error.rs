@@ -60,6 +60,20 @@ pub enum BakeError {
         /// The limit given, bytes.
         limit: u64,
     },
+    /// A tile that was taken from the store is not what tracing gives: a defect of a key or of a version.
+    #[error(
+        "tile {tile} of patch {patch} of object '{object}' (points {points}) is not what its key promises\n  help: bake into a new store, and report this: a key or a version is wrong"
+    )]
+    FalseHit {
+        /// Name of the object.
+        object: String,
+        /// Name of the patch.
+        patch: String,
+        /// Number of the tile, `plan::tile`.
+        tile: u8,
+        /// Name of the points in the ledger.
+        points: prelight_manifests::Digest,
+    },
     /// The user asked to stop.
     #[error("interrupted\n  help: run the same command again: what is baked stays, the rest resumes")]
     Cancelled,

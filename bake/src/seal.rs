@@ -42,8 +42,7 @@ impl SceneChunks {
         Ok(SceneChunks { materials, textures, cameras, names, bytes_stored })
     }
 
-    pub fn content(self, scene: &Scene, world: &World, face_resolution: u32, objects: Vec<asset::AssetObject>) -> AssetContent {
-        debug_assert_eq!(objects.len(), scene.objects.len());
+    pub fn content(self, world: &World, face_resolution: u32, objects: Vec<asset::AssetObject>) -> AssetContent {
         AssetContent {
             algorithm_version: version::ALGORITHM_VERSION,
             face_resolution,

@@ -1,6 +1,6 @@
 //! From a scene manifest and the command line's knobs to what a bake is decided by.
 
-use crate::bake::BakeOptions;
+use crate::bake::{BakeOptions, RebakeOptions};
 use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::density::density;
@@ -62,6 +62,7 @@ impl Settings {
             tree,
             memory,
             shuffle_shards: None,
+            rebake: RebakeOptions { layers: objects.iter().map(|object| object.layer).collect(), ..RebakeOptions::default() },
         };
         Ok(Settings { options, edge_length, derived: pinned.is_none() })
     }

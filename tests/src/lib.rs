@@ -105,6 +105,7 @@ pub fn options(scene: &Scene, edge_length: f32) -> BakeOptions {
         tree: TreeQuality::Medium,
         memory: 4 << 30,
         shuffle_shards: None,
+        rebake: Default::default(),
     }
 }
 

@@ -6,7 +6,7 @@ use super::loaded::Loaded;
 use super::output::write_atomically;
 use super::{Context, Failure, Summary};
 use clap::Args;
-use prelight_bake::bake::{Baked, bake};
+use prelight_bake::bake::{Baked, bake_world};
 use prelight_bake::seal::seal;
 use prelight_store::Store;
 use serde_json::{Value, json};
@@ -14,8 +14,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Tiles of a patch: blocks of 16x16 directions.
-const TILES_PER_PATCH: u64 = 96;
+/// Tiles of a patch.
+const TILES_PER_PATCH: u64 = prelight_bake::plan::tile::N_TILES as u64;
 
 /// Bake what is missing; a bake that was stopped resumes
 #[derive(Args, Debug)]
@@ -40,7 +40,7 @@ pub fn run(args: BakeArgs, context: &Context) -> Result<Summary, Failure> {
     let asset = args.output.unwrap_or_else(|| PathBuf::from(format!("{}.prelight.json", loaded.input.stem())));
     let folder = context.store.clone().unwrap_or_else(|| default_store(&asset));
     let store = Store::open_or_create(&folder)?;
-    let baked = bake(&loaded.scene, &loaded.settings.options, &store, context.progress())?;
+    let baked = bake_world(&loaded.scene, &loaded.world, &loaded.settings.options, &store, context.progress())?;
     let summary = summary(&baked, &loaded, &asset, &folder, read_seconds, start);
     let report = report(&summary, &loaded, &asset, &folder);
     let manifest = seal(&baked, report, &store)?;
@@ -67,8 +67,11 @@ fn summary(baked: &Baked, loaded: &Loaded, asset: &Path, store: &Path, read_seco
         .set("points_split", stats.points_split)
         .set("triangles", stats.triangles)
         .set("tiles.total", stats.patches * TILES_PER_PATCH)
-        .set("tiles.baked", stats.patches_traced * TILES_PER_PATCH)
-        .set("tiles.reused", (stats.patches - stats.patches_traced) * TILES_PER_PATCH)
+        .set("tiles.baked", stats.tiles.traced)
+        .set("tiles.reused", stats.patches * TILES_PER_PATCH - stats.tiles.traced)
+        .set("tiles.live", stats.tiles.live)
+        .set("tiles.stale", stats.tiles.redone)
+        .set("tiles.changed", stats.tiles.changed)
         .set("bytes.stored", stats.bytes_stored)
         .set("bytes.resident", stats.bytes_resident)
         .set("seconds.total", start.elapsed().as_secs_f64())

@@ -113,6 +113,7 @@ fn code_of_cause(cause: &(dyn std::error::Error + 'static)) -> Option<ExitCode> 
             BakeError::Store(error) => of_store(error),
             BakeError::Output { source, .. } => of_io(source),
             BakeError::Memory { .. } => ExitCode::Limit,
+            BakeError::FalseHit { .. } => ExitCode::Found,
             BakeError::Cancelled => ExitCode::Interrupted,
             _ => ExitCode::Failed,
         });

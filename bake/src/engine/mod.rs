@@ -1,3 +1,5 @@
 //! Engines: who runs the shards. The store, never an engine, says what is done.
 
+pub mod bits;
+pub mod patch;
 pub mod threads;

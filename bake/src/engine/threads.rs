@@ -1,21 +1,24 @@
 //! The default engine: shards on the threads of this process.
 //!
 //! A shard is a run of patches, about a second of work: looked up in the ledger, traced where it is not there, put, recorded, published.
-//! Killed anywhere, at most the shards in flight are lost. Results come back in the order of the tasks, whatever ran first.
+//! Killed anywhere, at most the shards in flight are lost. Results come back in the order of the tasks, whatever ran first. One thread
+//! beside the workers publishes, because that waits for the disk.
 
+use super::bits::PatchBits;
+use super::patch::{Candidate, PatchInputs, Resolution, Resolved, Shadowing, false_hit, resolve};
 use crate::bake::commit;
 use crate::block_product::visibility::encode;
 use crate::error::BakeError;
-use crate::plan::buried::BuriedProbe;
-use crate::plan::key::{buried_key, patch_key};
+use crate::plan::buried::{BuriedProbe, local_edge};
+use crate::plan::key::{buried_key, buried_question};
+use crate::plan::tile::{TileSet, TileTable, tiles};
 use crate::plan::{ObjectPlan, Patch};
 use crate::progress::{Progress, check};
-use crate::scene::world::World;
-use crate::trace::{Occluders, Scratch};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
-use prelight_runtime::block_product::visibility::{Visibility, open_words};
+use prelight_runtime::block_product::visibility::Visibility;
 use prelight_store::{Chunk, ChunkSource, Record, ShardWriter, Store};
 use rayon::prelude::*;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 /// Patches of a shard at most.
 const SHARD_PATCHES: usize = 32;
@@ -39,6 +42,14 @@ pub struct PatchResult {
     pub chunk: Chunk,
     /// Points of the patch that lie inside other solids.
     pub buried: Vec<u8>,
+    /// No record of these points was there.
+    pub is_new: bool,
+    /// Tiles above the horizon of some point.
+    pub live: TileSet,
+    /// Tiles that were traced.
+    pub redone: TileSet,
+    /// Of those, the ones whose bits no record had.
+    pub changed: TileSet,
 }
 
 /// What came of a run.
@@ -46,32 +57,35 @@ pub struct PatchResult {
 pub struct Outcome {
     /// One per task, in their order.
     pub patches: Vec<PatchResult>,
-    /// Patches that were not in the ledger.
-    pub patches_traced: u64,
     /// Bytes added to the store.
     pub bytes_stored: u64,
 }
 
+/// How much of what is taken from the store is traced again, to be sure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Paranoid {
+    /// Tiles a patch.
+    pub tiles: u32,
+    /// Which ones: another seed, others.
+    pub seed: u64,
+}
+
 /// Everything that tracing reads.
 pub struct Tracer<'a> {
-    /// Base triangles.
-    pub world: &'a World,
-    /// The same, as a tree.
-    pub occluders: &'a Occluders,
-    /// Texels along a cubemap face's side.
-    pub face_resolution: u32,
-    /// Key of all that can block light.
-    pub geometry: Digest,
-    /// Key of which triangles are double-sided.
-    pub sides: Digest,
+    /// What blocks light.
+    pub shadowing: Shadowing<'a>,
     /// Finds points inside solids.
     pub probe: BuriedProbe<'a>,
+    /// Names of the scene's objects, for errors.
+    pub names: &'a [&'a str],
     /// Where chunks and records go.
     pub store: &'a Store,
     /// Told about finished points; says when to stop.
     pub progress: &'a dyn Progress,
     /// Order of shards, for tests.
     pub shuffle: Option<u64>,
+    /// Whether hits are checked.
+    pub paranoid: Option<Paranoid>,
 }
 
 impl Tracer<'_> {
@@ -84,48 +98,65 @@ impl Tracer<'_> {
         if let Some(seed) = self.shuffle {
             shards.sort_by_key(|(index, _)| *blake3::hash(&[seed.to_le_bytes(), (*index as u64).to_le_bytes()].concat()).as_bytes());
         }
-        let mut done: Vec<(usize, Outcome)> =
-            shards.par_iter().with_max_len(1).map(|(index, shard)| Ok((*index, self.shard(shard)?))).collect::<Result<_, BakeError>>()?;
-        done.sort_by_key(|(index, _)| *index);
-        let mut all = Outcome::default();
-        for (_, outcome) in done {
-            all.patches.extend(outcome.patches);
-            all.patches_traced += outcome.patches_traced;
-            all.bytes_stored += outcome.bytes_stored;
-        }
-        Ok(all)
+        let (publish, waiting) = sync_channel(2 * rayon::current_num_threads());
+        std::thread::scope(|scope| {
+            let publisher = scope.spawn(move || publish_all(waiting));
+            let done = shards.par_iter().with_max_len(1).map(|(index, shard)| Ok((*index, self.shard(shard, &publish)?)));
+            let done: Result<Vec<(usize, Vec<PatchResult>)>, BakeError> = done.collect();
+            drop(publish);
+            // Its error first: that is why a shard could not be handed over.
+            let bytes_stored = publisher.join().expect("publishing does not panic")?;
+            let mut done = done?;
+            done.sort_by_key(|(index, _)| *index);
+            Ok(Outcome { patches: done.into_iter().flat_map(|(_, results)| results).collect(), bytes_stored })
+        })
     }
 
-    fn shard(&self, tasks: &[PatchTask]) -> Result<Outcome, BakeError> {
+    fn shard(&self, tasks: &[PatchTask], publish: &SyncSender<ShardWriter>) -> Result<Vec<PatchResult>, BakeError> {
         check(self.progress)?;
         let mut writer = self.store.writer();
-        let mut outcome = Outcome::default();
-        let (mut scratch, mut open) = (Scratch::default(), Vec::new());
+        let mut results = Vec::with_capacity(tasks.len());
+        let mut bits = PatchBits::default();
         for task in tasks {
-            let origins = task.patch.range().map(|point| task.plan.trace_origin(point));
-            let key = patch_key(self.world, &self.geometry, self.face_resolution, origins);
-            let found = match self.store.lookup(&key)? {
-                Some(record) => self.found(&record, task.patch)?,
-                None => None,
-            };
-            let (visibility, chunk) = match found {
-                Some(found) => found,
-                None => {
-                    outcome.patches_traced += 1;
-                    self.trace(task, key, &mut writer, &mut scratch, &mut open)?
-                }
-            };
-            let buried = self.buried(task, key, &chunk, &mut writer)?;
-            outcome.patches.push(PatchResult { visibility, chunk, buried });
+            results.push(self.patch(task, &mut writer, &mut bits)?);
             self.progress.advance(u64::from(task.patch.n_points));
         }
-        outcome.bytes_stored = commit(writer)?;
-        Ok(outcome)
+        // A publisher that is gone says why itself.
+        publish.send(writer).map_err(|_| BakeError::Cancelled)?;
+        Ok(results)
     }
 
-    /// The chunk of a record, if it is what this patch needs.
-    fn found(&self, record: &Record, patch: &Patch) -> Result<Option<(Descriptor, Chunk)>, BakeError> {
-        let [descriptor] = &record.chunks[..] else { return Ok(None) };
+    fn patch(&self, task: &PatchTask, writer: &mut ShardWriter, bits: &mut PatchBits) -> Result<PatchResult, BakeError> {
+        let inputs = PatchInputs::new(&self.shadowing, task.plan, task.patch);
+        let mut candidates = candidates(self.store, &inputs)?;
+        let is_new = candidates.is_empty();
+        let load = |descriptor: &Descriptor| self.load(descriptor, task.patch);
+        let resolved = loop {
+            match resolve(&self.shadowing, &inputs, &candidates, &load, bits)? {
+                Resolution::Done(resolved) => break resolved,
+                Resolution::Unusable(index) => drop(candidates.remove(index)),
+            }
+        };
+        let Resolved { table, live, redone, changed, same } = resolved;
+        let known = candidates.iter().any(|candidate| candidate.table == table);
+        let (visibility, chunk) = match same {
+            Some((index, chunk)) => (candidates.swap_remove(index).descriptor, chunk),
+            None => {
+                let bytes = encode(self.shadowing.face_resolution as usize, bits.open());
+                let shape = vec![u64::from(task.patch.n_points)];
+                (writer.put(ChunkKind::Visibility, Dtype::U8, shape, &bytes)?, Chunk::from_plain(&bytes))
+            }
+        };
+        if !known {
+            writer.record(inputs.key, Record { chunks: vec![visibility.clone()], data: table.encode() });
+        }
+        self.check_hits(&inputs, &chunk, live & !redone, bits)?;
+        let buried = self.buried(task, &inputs, &chunk, writer)?;
+        Ok(PatchResult { visibility, chunk, buried, is_new, live, redone, changed })
+    }
+
+    /// A chunk of a record, if it is what this patch needs.
+    fn load(&self, descriptor: &Descriptor, patch: &Patch) -> Result<Option<Chunk>, BakeError> {
         let chunk = match self.store.chunk(descriptor) {
             Ok(chunk) => chunk,
             // Set aside and named by the store; tracing again is the repair.
@@ -135,58 +166,102 @@ impl Tracer<'_> {
             }
             Err(error) => return Err(error.into()),
         };
-        let fits = Visibility::from_chunk(&chunk).is_ok_and(|visibility| visibility.len() == patch.n_points as usize);
-        Ok(fits.then(|| (descriptor.clone(), chunk)))
+        let fits = |visibility: Visibility| {
+            visibility.len() == patch.n_points as usize && visibility.face_resolution() == self.shadowing.face_resolution as usize
+        };
+        let fits = Visibility::from_chunk(&chunk).is_ok_and(fits);
+        Ok(fits.then_some(chunk))
     }
 
-    fn trace(
-        &self,
-        task: &PatchTask,
-        key: Digest,
-        writer: &mut ShardWriter,
-        scratch: &mut Scratch,
-        open: &mut Vec<u64>,
-    ) -> Result<(Descriptor, Chunk), BakeError> {
-        let face_resolution = self.face_resolution as usize;
-        let words = open_words(face_resolution);
-        open.clear();
-        open.resize(words * task.patch.n_points as usize, 0);
-        for (point, open) in task.patch.range().zip(open.chunks_exact_mut(words)) {
-            self.occluders.open_texels(&task.plan.trace_origin(point), face_resolution, scratch, open);
+    /// Traces some of the tiles that were taken from the store.
+    fn check_hits(&self, inputs: &PatchInputs, chunk: &Chunk, hits: TileSet, bits: &mut PatchBits) -> Result<(), BakeError> {
+        let Some(Paranoid { tiles: wanted, seed }) = self.paranoid else { return Ok(()) };
+        let mut order: Vec<([u8; 8], u8)> = (tiles(hits))
+            .map(|tile| {
+                let digest = blake3::hash(&[&inputs.key.0[..], &seed.to_le_bytes(), &[tile]].concat());
+                (std::array::from_fn(|i| digest.as_bytes()[i]), tile)
+            })
+            .collect();
+        order.sort_unstable();
+        let suspects = order.iter().take(wanted as usize).fold(0, |set, (_, tile)| set | 1 << tile);
+        if suspects == 0 {
+            return Ok(());
         }
-        let bytes = encode(face_resolution, open);
-        let shape = vec![u64::from(task.patch.n_points)];
-        let visibility = writer.put(ChunkKind::Visibility, Dtype::U8, shape, &bytes)?;
-        writer.record(key, Record { chunks: vec![visibility.clone()], data: Vec::new() });
-        Ok((visibility, Chunk::from_plain(&bytes)))
+        match false_hit(&self.shadowing, inputs, &Visibility::from_chunk(chunk)?, suspects, bits) {
+            None => Ok(()),
+            Some(tile) => Err(BakeError::FalseHit {
+                object: self.names.get(inputs.plan.object as usize).map(|name| name.to_string()).unwrap_or_default(),
+                patch: format!("{:?}", inputs.patch.name),
+                tile,
+                points: inputs.key,
+            }),
+        }
     }
 
     /// Points that see nothing are asked whether they lie inside a solid. Kept in a record of its own: it depends on which surfaces are
     /// double-sided, visibility does not.
-    fn buried(&self, task: &PatchTask, key: Digest, chunk: &Chunk, writer: &mut ShardWriter) -> Result<Vec<u8>, BakeError> {
+    fn buried(&self, task: &PatchTask, inputs: &PatchInputs, chunk: &Chunk, writer: &mut ShardWriter) -> Result<Vec<u8>, BakeError> {
         let visibility = Visibility::from_chunk(chunk)?;
         let blind: Vec<u8> = (0..visibility.len()).filter(|i| visibility.point(*i).counts.is_empty()).map(|i| i as u8).collect();
         if blind.is_empty() {
             return Ok(Vec::new());
         }
-        let key = buried_key(&key, &self.sides);
-        if let Some(record) = self.store.lookup(&key)?
-            && record.data.iter().all(|i| u32::from(*i) < task.patch.n_points)
-        {
-            return Ok(record.data);
-        }
         let first = task.patch.range().start;
-        let buried: Vec<u8> = (blind.into_iter()).filter(|local| self.is_buried(task, first + usize::from(*local))).collect();
-        writer.record(key, Record { chunks: Vec::new(), data: buried.clone() });
+        let point = |local: u8| first + usize::from(local);
+        let described = blind.iter().map(|local| {
+            let edge = local_edge(task.plan, point(*local) as u32, task.edge_length);
+            (*local, task.plan.geometric_normal[point(*local)], edge)
+        });
+        let question = buried_question(&inputs.key, task.edge_length, described);
+        let key = |reach: f64| buried_key(&question, self.shadowing.pieces, &inputs.origins.patch, reach);
+        for record in self.store.lookup_all(&question)? {
+            if let Some((reach, made_for, points)) = parse_buried(&record.data)
+                && points.iter().all(|i| blind.contains(i))
+                && key(reach) == made_for
+            {
+                return Ok(points.to_vec());
+            }
+        }
+        let (mut buried, mut reach) = (Vec::new(), 0.0f64);
+        for local in blind {
+            let own = task.plan.base_triangles(point(local));
+            let closest = |origin, direction| {
+                let hit = self.shadowing.occluders.closest_hit(origin, direction, own)?;
+                Some((hit.t, hit.triangle, hit.back_face))
+            };
+            let verdict = self.probe.ask(task.plan, point(local) as u32, task.edge_length, &closest);
+            reach = reach.max(verdict.reach);
+            if verdict.is_buried {
+                buried.push(local);
+            }
+        }
+        let data = [&reach.to_le_bytes()[..], &key(reach).0, &buried].concat();
+        writer.record(question, Record { chunks: Vec::new(), data });
         Ok(buried)
     }
+}
 
-    fn is_buried(&self, task: &PatchTask, point: usize) -> bool {
-        let own = task.plan.base_triangles(point);
-        let closest = |origin, direction| {
-            let hit = self.occluders.closest_hit(origin, direction, own)?;
-            Some((hit.t, hit.triangle, hit.back_face))
-        };
-        self.probe.is_buried(task.plan, point as u32, task.edge_length, &closest)
+/// Records of a patch's points.
+pub fn candidates(store: &Store, inputs: &PatchInputs) -> Result<Vec<Candidate>, BakeError> {
+    let mut found = Vec::new();
+    for record in store.lookup_all(&inputs.key)? {
+        let table = TileTable::decode(&record.data, inputs.origins.boxes.len());
+        if let (Some(table), [descriptor]) = (table, &record.chunks[..]) {
+            found.push(Candidate { table, descriptor: descriptor.clone() });
+        }
     }
+    Ok(found)
+}
+
+/// Reach, key and points of a record of buried points.
+fn parse_buried(data: &[u8]) -> Option<(f64, Digest, &[u8])> {
+    let (reach, rest) = data.split_at_checked(8)?;
+    let (key, points) = rest.split_at_checked(32)?;
+    let reach = f64::from_le_bytes(std::array::from_fn(|i| reach[i]));
+    Some((reach, Digest(std::array::from_fn(|i| key[i])), points))
+}
+
+/// Publishes shards as they come; gives the bytes that they took.
+fn publish_all(waiting: Receiver<ShardWriter>) -> Result<u64, BakeError> {
+    waiting.into_iter().try_fold(0, |bytes, writer| Ok(bytes + commit(writer)?))
 }

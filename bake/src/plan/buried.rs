@@ -6,10 +6,13 @@
 //! - at least half of them first meet a triangle within 45° of parallel to it, within 2⁻⁸ of the local edge length along n_g: another
 //!   surface coincides with this one.
 //!
+//! The answer depends on what lies within the **reach** of those rays: the farthest of the nearest hits.
+//!
 //! A closed dark room makes neither: its walls are met from the front, and in its corners they are not parallel.
 
 use super::origin::{Surroundings, area_normal};
 use super::points::ObjectPlan;
+use super::shaft::Bounds;
 use super::weld::{narrow, wide};
 use crate::scene::Scene;
 use crate::scene::world::World;
@@ -36,7 +39,16 @@ pub fn find_buried(
     closest: &ClosestHit,
 ) -> Vec<u32> {
     let probe = BuriedProbe::new(scene, world);
-    (0..plan.n_points() as u32).filter(|&i| sees_nothing(i) && probe.is_buried(plan, i, edge_length, closest)).collect()
+    (0..plan.n_points() as u32).filter(|&i| sees_nothing(i) && probe.ask(plan, i, edge_length, closest).is_buried).collect()
+}
+
+/// What became of a point that sees nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// It lies inside something.
+    pub is_buried: bool,
+    /// Metres from the ray origin within which all lies that decided; infinite if a ray met nothing.
+    pub reach: f64,
 }
 
 /// The rule, for one point at a time.
@@ -53,21 +65,31 @@ impl<'a> BuriedProbe<'a> {
     }
 
     /// Whether point `i`, which sees nothing, is buried.
-    pub fn is_buried(&self, plan: &ObjectPlan, i: u32, edge_length: f32, closest: &ClosestHit) -> bool {
+    pub fn ask(&self, plan: &ObjectPlan, i: u32, edge_length: f32, closest: &ClosestHit) -> Verdict {
         let normal = plan.geometric_normal[i as usize];
+        let origin = plan.origin[i as usize];
         let limit = COINCIDENT * local_edge(plan, i, edge_length);
         let (t, b) = tangents(normal);
         let (t, b, n) = (wide(t), wide(b), wide(normal));
-        let (mut behind, mut near) = (0, 0);
+        let (mut behind, mut near, mut reach) = (0, 0, 0.0f64);
         for d in &self.directions {
-            let direction = t * d.x + b * d.y + n * d.z;
-            if let Some((distance, triangle, back)) = closest(plan.origin[i as usize], narrow(direction)) {
+            let direction = narrow(t * d.x + b * d.y + n * d.z);
+            if let Some((distance, triangle, back)) = closest(origin, direction) {
+                let corners = &self.world.positions[triangle as usize];
                 behind += usize::from(back && self.is_single_sided(triangle));
-                let facing = area_normal(&self.world.positions[triangle as usize]).normalize_or_zero().dot(n).abs();
+                let facing = area_normal(corners).normalize_or_zero().dot(n).abs();
                 near += usize::from(f64::from(distance) * d.z <= limit && facing > std::f64::consts::FRAC_1_SQRT_2);
+                let (mut place, mut bounds) = (Bounds::EMPTY, Bounds::EMPTY);
+                place.add(origin);
+                corners.iter().for_each(|corner| bounds.add(*corner));
+                // Also the box that was met, where rounding has the hit before it.
+                reach = reach.max(f64::from(distance) * wide(direction).length()).max(bounds.distance(&place));
+            } else {
+                reach = f64::INFINITY;
             }
         }
-        2 * behind >= N_DIRECTIONS || 2 * near >= N_DIRECTIONS
+        // Hits lie before their box by 2⁻¹⁰ at most (`trace::ray`).
+        Verdict { is_buried: 2 * behind >= N_DIRECTIONS || 2 * near >= N_DIRECTIONS, reach: reach * (1.0 + 1.0 / 256.0) }
     }
 
     fn is_single_sided(&self, triangle: u32) -> bool {
@@ -77,7 +99,7 @@ impl<'a> BuriedProbe<'a> {
 }
 
 /// Mean edge of the base triangle that a point was made in, at most the bake's edge length.
-fn local_edge(plan: &ObjectPlan, i: u32, edge_length: f32) -> f64 {
+pub(crate) fn local_edge(plan: &ObjectPlan, i: u32, edge_length: f32) -> f64 {
     let home = plan.refined.home[plan.source[i as usize] as usize];
     let around = Surroundings::new(std::iter::once(plan.base.corner_positions(home.base)), 1.0);
     around.mean_edge.min(f64::from(edge_length))

@@ -1,119 +1,119 @@
-//! Keys of visibility: blake3 of everything that the tracer reads for a patch, and of nothing else.
+//! Keys of visibility: blake3 of everything that the tracer reads for a tile, and of nothing else.
 //!
 //! ```text
-//! geometry key = H(occluding triangles in world order: three positions, cut-out)
-//! patch key    = H(versions, face resolution, geometry key, per point: origin, n_s, positions of its base triangles)
+//! points key   = H(versions, face resolution, per point: origin, n_s, digests of its base triangles)
+//! key_k(P, b)  = H(points key, tile b, open bits left by layer k − 1, pieces of layer k that reach an open cell)
+//! buried key   = H(versions, points key, edge length, per blind point: n_g, local edge; reach; pieces within reach, with their sides)
 //! ```
 //!
-//! No index, name, path or order of files enters. Base triangles count by their positions, not by their ids: ids shift when
-//! an earlier object gains a triangle. A cut-out counts by its texels, factor, cutoff, sampler and coordinates; base colour and all other
-//! material parameters stay out, so editing them keeps every key.
+//! The layer's number does not enter: what is open, and what may cover it, is all that a result depends on. No index, name, path or order
+//! of files enters. Base triangles count by their positions and opacity, not by their ids: ids shift when an earlier object gains a triangle.
+//! Open bits enter by their **name**: 16 bytes of their digest, zeros while nothing but the horizon closed any.
+//!
+//! Whether a blind point is buried is decided by nearest hits. All geometry within the reach of those hits, and which of it is
+//! double-sided, is in the key; what lies farther cannot be hit first (`trace::ray`). The reach itself comes from the record that is asked.
 
-use crate::scene::Scene;
-use crate::scene::world::{Occlusion, World};
+use super::pieces::{DigestSum, Pieces};
+use super::shaft::Bounds;
 use crate::trace::TraceOrigin;
 use prelight_manifests::{Digest, version};
 
 /// Writes numbers into a hash, little-endian.
-struct Hasher(blake3::Hasher);
+pub(crate) struct Hasher(blake3::Hasher);
 
 impl Hasher {
-    fn new(domain: &str) -> Self {
+    pub fn new(domain: &str) -> Self {
         let mut hasher = Hasher(blake3::Hasher::new());
         hasher.words(&[domain.len() as u32]);
-        hasher.0.update(domain.as_bytes());
+        hasher.bytes(domain.as_bytes());
         hasher.words(&[version::ALGORITHM_VERSION]);
         hasher
     }
 
-    fn words(&mut self, words: &[u32]) {
+    pub fn bytes(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
+    }
+
+    pub fn words(&mut self, words: &[u32]) {
         words.iter().for_each(|word| {
             self.0.update(&word.to_le_bytes());
         });
     }
 
-    fn floats(&mut self, values: &[f32]) {
+    pub fn floats(&mut self, values: &[f32]) {
         // Zeros of both signs are one value to the tracer.
         values.iter().for_each(|value| {
             self.0.update(&(value + 0.0).to_le_bytes());
         });
     }
 
-    fn triangle(&mut self, triangle: &[[f32; 3]; 3]) {
-        self.floats(triangle.as_flattened());
+    pub fn sum(&mut self, sum: &DigestSum) {
+        sum.0.iter().for_each(|lane| {
+            self.0.update(&lane.to_le_bytes());
+        });
     }
 
-    fn finish(self) -> Digest {
+    pub fn finish(self) -> Digest {
         Digest(*self.0.finalize().as_bytes())
     }
-}
 
-/// Digest of all that can block light in a scene.
-pub fn geometry_key(scene: &Scene, world: &World) -> Digest {
-    let mut hasher = Hasher::new("prelight geometry");
-    let textures: Vec<Digest> = world.masks.iter().map(|mask| texture_digest(scene, mask.texture)).collect();
-    for (triangle, occlusion) in world.positions.iter().zip(&world.occlusion) {
-        match *occlusion {
-            Occlusion::None => continue,
-            Occlusion::Opaque => hasher.words(&[0]),
-            Occlusion::Mask { mask, corner } => {
-                let cut = &world.masks[mask as usize];
-                hasher.words(&[1]);
-                hasher.0.update(&textures[mask as usize].0);
-                hasher.floats(&[cut.factor, cut.cutoff]);
-                hasher.floats(cut.uv[corner as usize].as_flattened());
-                hasher.floats(&cut.alpha[corner as usize]);
-                hasher.words(&[cut.reference.wrap[0] as u32, cut.reference.wrap[1] as u32, u32::from(cut.reference.nearest)]);
-            }
-        }
-        hasher.triangle(triangle);
+    /// The first half of the digest.
+    pub fn finish_short(self) -> [u8; 16] {
+        std::array::from_fn(|i| self.0.finalize().as_bytes()[i])
     }
-    hasher.finish()
 }
 
-/// Alpha is all that a cut-out reads of a texture.
-fn texture_digest(scene: &Scene, texture: u32) -> Digest {
-    let texture = &scene.textures[texture as usize];
-    let mut hasher = Hasher::new("prelight cut-out");
-    hasher.words(&[texture.width, texture.height]);
-    let alpha: Vec<u8> = texture.texels.iter().skip(3).step_by(4).copied().collect();
-    hasher.0.update(&alpha);
-    hasher.finish()
-}
-
-/// Key of one patch's visibility.
-pub fn patch_key<'a>(
-    world: &World,
-    geometry: &Digest,
-    face_resolution: u32,
-    origins: impl ExactSizeIterator<Item = TraceOrigin<'a>>,
-) -> Digest {
-    let mut hasher = Hasher::new("prelight visibility");
-    hasher.0.update(&geometry.0);
-    hasher.words(&[face_resolution, origins.len() as u32]);
+/// Names a patch's points in the ledger: where rays start, the horizon, and what never blocks.
+pub fn points_key<'a>(pieces: &Pieces, face_resolution: u32, origins: impl ExactSizeIterator<Item = TraceOrigin<'a>>) -> Digest {
+    let mut bytes = Vec::with_capacity(64 * origins.len());
+    let n = origins.len() as u32;
     for point in origins {
-        hasher.floats(&point.origin);
-        hasher.floats(&point.normal);
-        hasher.words(&[point.base_triangles.len() as u32]);
-        point.base_triangles.iter().for_each(|id| hasher.triangle(&world.positions[*id as usize]));
+        let floats = point.origin.iter().chain(&point.normal);
+        floats.for_each(|value| bytes.extend_from_slice(&(value + 0.0).to_le_bytes()));
+        bytes.extend_from_slice(&(point.base_triangles.len() as u32).to_le_bytes());
+        point.base_triangles.iter().for_each(|id| bytes.extend_from_slice(pieces.triangle(*id)));
     }
+    let mut hasher = Hasher::new("prelight points");
+    hasher.words(&[face_resolution, n]);
+    hasher.bytes(&bytes);
     hasher.finish()
 }
 
-/// Digest of which occluding triangles have a back that is a surface: buried points depend on it, visibility does not.
-pub fn sides_key(scene: &Scene, world: &World) -> Digest {
-    let mut hasher = Hasher::new("prelight sides");
-    for primitive in &world.primitives {
-        let double_sided = scene.materials[primitive.material as usize].double_sided;
-        hasher.words(&[primitive.triangles.len() as u32, u32::from(double_sided)]);
+/// What a layer's result for one tile depends on.
+pub fn tile_key(points: &Digest, tile: u8, before: &[u8; 16], sum: &DigestSum, n_pieces: u32) -> [u8; 16] {
+    // One hash of one block and a half: this runs for every tile of every patch.
+    let mut bytes = [0; 88];
+    bytes[..32].copy_from_slice(&points.0);
+    bytes[32] = tile;
+    bytes[36..40].copy_from_slice(&n_pieces.to_le_bytes());
+    bytes[40..56].copy_from_slice(before);
+    for (lane, value) in bytes[56..].chunks_exact_mut(8).zip(sum.0) {
+        lane.copy_from_slice(&value.to_le_bytes());
     }
-    hasher.finish()
+    let digest = blake3::hash(&bytes);
+    std::array::from_fn(|i| digest.as_bytes()[i])
 }
 
-/// Key of which points of a patch lie inside a solid.
-pub fn buried_key(patch: &Digest, sides: &Digest) -> Digest {
+/// Names the question which of a patch's blind points lie inside a solid. `blind`: index, n_g and local edge of each.
+pub fn buried_question(points: &Digest, edge_length: f32, blind: impl Iterator<Item = (u8, [f32; 3], f64)>) -> Digest {
     let mut hasher = Hasher::new("prelight buried");
-    hasher.0.update(&patch.0);
-    hasher.0.update(&sides.0);
+    hasher.bytes(&points.0);
+    hasher.floats(&[edge_length]);
+    for (point, normal, local_edge) in blind {
+        hasher.words(&[u32::from(point)]);
+        hasher.floats(&normal);
+        hasher.bytes(&local_edge.to_le_bytes());
+    }
+    hasher.finish()
+}
+
+/// What the answer depends on: all geometry within `reach` metres of the origins.
+pub fn buried_key(question: &Digest, pieces: &Pieces, origins: &Bounds, reach: f64) -> Digest {
+    let (sum, count) = pieces.within(origins, reach);
+    let mut hasher = Hasher::new("prelight buried within");
+    hasher.bytes(&question.0);
+    hasher.bytes(&reach.to_le_bytes());
+    hasher.words(&[count]);
+    hasher.sum(&sum);
     hasher.finish()
 }

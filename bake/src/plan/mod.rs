@@ -11,11 +11,15 @@ pub mod density;
 mod draft;
 pub mod estimate;
 pub mod key;
+pub mod layer;
 pub mod origin;
 pub mod params;
 pub mod patch;
+pub mod pieces;
 pub mod points;
+pub mod shaft;
 pub mod surface;
+pub mod tile;
 pub mod weld;
 
 pub use params::{PlanError, PointParams};

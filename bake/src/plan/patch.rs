@@ -75,8 +75,13 @@ impl Lattice {
     /// Morton code of a place: x, y, z in turn from the top bit.
     pub fn code(&self, place: [f64; 3]) -> u64 {
         let cell = |i: usize| ((place[i] - self.lower[i]) * self.cells_per_metre).clamp(0.0, CELLS - 1.0) as u64;
-        spread(cell(0)) << 2 | spread(cell(1)) << 1 | spread(cell(2))
+        interleave([cell(0), cell(1), cell(2)])
     }
+}
+
+/// Morton code of a cell: the lower 21 bits of x, y, z in turn from the top bit.
+pub(crate) fn interleave(cell: [u64; 3]) -> u64 {
+    spread(cell[0]) << 2 | spread(cell[1]) << 1 | spread(cell[2])
 }
 
 /// Puts two zero bits after each of the lower 21 bits.

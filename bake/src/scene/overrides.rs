@@ -25,6 +25,8 @@ pub struct ObjectKnobs {
     pub smooth_angle_deg: Option<f64>,
     /// How transport is represented; never `Auto`.
     pub technique: Technique,
+    /// Layer of occluders, where a rule fixes it ([`crate::plan::layer`]).
+    pub layer: Option<u8>,
     /// The rest.
     pub knobs: Knobs,
 }
@@ -101,16 +103,18 @@ fn apply(rule: &MaterialRule, material: &mut Material) {
 /// A rule's `quality` replaces the preset; knobs that `[bake]` itself sets stay, and so does its `edge_length` unless the rule has one.
 pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec<ObjectKnobs>, Vec<String>), BakeError> {
     let mut sections = vec![manifest.bake.clone(); objects.len()];
+    let mut layers = vec![None; objects.len()];
     let mut warnings = Vec::new();
     for (i, rule) in manifest.object.iter().enumerate() {
         let glob = matcher(&format!("object[{i}].match"), &rule.pattern, true)?;
         let mut n_matches = 0;
-        for (section, object) in sections.iter_mut().zip(objects) {
+        for ((section, layer), object) in sections.iter_mut().zip(&mut layers).zip(objects) {
             if object_matches(&glob, &rule.pattern, &object.name) {
                 section.quality = rule.quality.unwrap_or(section.quality);
                 section.technique = rule.technique.unwrap_or(section.technique);
                 section.edge_length = rule.edge_length.or(section.edge_length);
                 section.smooth_angle_deg = rule.smooth_angle_deg.or(section.smooth_angle_deg);
+                *layer = rule.layer.or(*layer);
                 n_matches += 1;
             }
         }
@@ -118,13 +122,14 @@ pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec
             warnings.push(format!("object[{i}].match = \"{}\" matches no object", rule.pattern));
         }
     }
-    let resolve = |section: prelight_manifests::scene::BakeSection| ObjectKnobs {
+    let resolve = |(section, layer): (prelight_manifests::scene::BakeSection, Option<u8>)| ObjectKnobs {
+        layer,
         edge_length: section.edge_length,
         smooth_angle_deg: section.smooth_angle_deg,
         technique: section.technique.resolved(),
         knobs: section.knobs(),
     };
-    Ok((sections.into_iter().map(resolve).collect(), warnings))
+    Ok((sections.into_iter().zip(layers).map(resolve).collect(), warnings))
 }
 
 #[cfg(test)]

@@ -21,7 +21,7 @@ mod occluders;
 pub mod predicate;
 mod ray;
 #[cfg(test)]
-mod scenes;
+pub(crate) mod scenes;
 #[cfg(target_arch = "x86_64")]
 mod simd;
 #[cfg(test)]

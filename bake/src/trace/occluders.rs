@@ -7,11 +7,12 @@ use super::predicate::{View, canonical_order, is_traceable};
 use super::ray::{self, Hit, ORDERS, RayScene};
 #[cfg(target_arch = "x86_64")]
 use super::simd;
-use super::tree::Tree;
+use super::tree::{EMPTY, Tree};
 use super::{SimdPath, TraceOrigin};
 use crate::scene::world::{Occlusion, World};
 use obvhs::BvhBuildParams;
 use prelight_runtime::surface::Texture;
+use rayon::prelude::*;
 
 /// How much work goes into the tree. Changes time, never an answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -65,10 +66,11 @@ impl Default for OccluderOptions {
     }
 }
 
-/// Everything in a scene that blocks light. Shared by all threads.
+/// Everything in a scene that blocks light, as one tree or as one a layer. Shared by all threads.
 #[derive(Clone, Debug)]
 pub struct Occluders {
-    tree: Tree,
+    /// In the order in which coverage asks them.
+    trees: Vec<Tree>,
     masks: MaskTable,
     /// `[triangles]` index into `ray::ORDERS`.
     orders: Vec<u8>,
@@ -99,15 +101,33 @@ impl Occluders {
         Self::build_where(world, textures, options, |_| true)
     }
 
-    /// Builds from the blocking triangles whose id `keep` accepts, such as one layer of a layered bake.
+    /// Builds from the blocking triangles whose id `keep` accepts.
     pub fn build_where(world: &World, textures: &[Texture<'static>], options: OccluderOptions, keep: impl Fn(u32) -> bool) -> Self {
+        let tree = Tree::build(world, options.quality.params(), options.leaf_size, keep);
+        Self::of_trees(world, textures, options, vec![tree])
+    }
+
+    /// Builds one tree a layer: `layer_of[id]` is that of a triangle, 0 is asked first. Big things first, so that most of what is small is
+    /// never looked at; the answers are those of one tree.
+    ///
+    /// # Panics
+    /// If an index of `world` is out of range or `layer_of` has another length.
+    pub fn build_layers(world: &World, textures: &[Texture<'static>], options: OccluderOptions, layer_of: &[u8], n_layers: usize) -> Self {
+        assert_eq!(layer_of.len(), world.positions.len(), "one layer a triangle");
+        let build =
+            |layer: usize| Tree::build(world, options.quality.params(), options.leaf_size, |id| layer_of[id as usize] as usize == layer);
+        let trees = (0..n_layers).into_par_iter().map(build).collect();
+        Self::of_trees(world, textures, options, trees)
+    }
+
+    fn of_trees(world: &World, textures: &[Texture<'static>], options: OccluderOptions, trees: Vec<Tree>) -> Self {
         let order_of = |corners: &[[f32; 3]; 3]| {
             let order = canonical_order(corners);
             ORDERS.iter().position(|o| *o == order).unwrap_or(0) as u8
         };
         let untraceable = |(corners, occlusion): (&[[f32; 3]; 3], &Occlusion)| *occlusion != Occlusion::None && !is_traceable(corners);
         Occluders {
-            tree: Tree::build(world, options.quality.params(), options.leaf_size, keep),
+            trees,
             masks: MaskTable::new(world, textures),
             orders: world.positions.iter().map(order_of).collect(),
             simd: options.simd.available(),
@@ -136,13 +156,25 @@ impl Occluders {
     ///
     /// A texel's new bit depends only on its old one, so work can be cut by texels or by layers of occluders in any way.
     pub fn close_covered(&self, from: &TraceOrigin, face_resolution: usize, scratch: &mut Scratch, open: &mut [u64]) {
+        (0..self.trees.len()).for_each(|layer| self.close_covered_by(layer, from, face_resolution, scratch, open));
+    }
+
+    /// [`Occluders::close_covered`] by the occluders of one layer alone.
+    ///
+    /// # Panics
+    /// If there is no such layer, and as `close_covered`.
+    pub fn close_covered_by(&self, layer: usize, from: &TraceOrigin, face_resolution: usize, scratch: &mut Scratch, open: &mut [u64]) {
         let (n, words) = (face_resolution, face_resolution / 64);
         assert!(n.is_power_of_two() && n >= 64, "face resolution {n} is not a power of two from 64 up");
         assert_eq!(open.len(), 6 * n * words, "one bit a texel");
+        let tree = &self.trees[layer];
+        if tree.root == EMPTY {
+            return;
+        }
         let Scratch { stack, excluded, window } = scratch;
-        stack.reserve(self.tree.stack_size);
-        excluded.set(&self.tree, from.base_triangles);
-        let scene = coverage::Scene { tree: &self.tree, masks: &self.masks, excluded };
+        stack.reserve(tree.stack_size);
+        excluded.set(tree, from.base_triangles);
+        let scene = coverage::Scene { tree, masks: &self.masks, excluded };
         for face in 0..6 {
             for (wy, wx) in (0..words).flat_map(|y| (0..words).map(move |x| (y, x))) {
                 let at = |y: usize| (face * n + wy * 64 + y) * words + wx;
@@ -172,29 +204,35 @@ impl Occluders {
         coverage::cover(Scalar, scene, view, window, stack);
     }
 
-    fn ray_scene<'a>(&'a self, excluded: &'a [u32]) -> RayScene<'a> {
-        RayScene { tree: &self.tree, masks: &self.masks, orders: &self.orders, excluded }
+    fn ray_scenes<'a>(&'a self, excluded: &'a [u32]) -> impl Iterator<Item = RayScene<'a>> {
+        self.trees.iter().map(move |tree| RayScene { tree, masks: &self.masks, orders: &self.orders, excluded })
     }
 
     /// Whether anything blocks the ray for 0 <= t <= `t_max` (t in units of the direction's length). `excluded`: ids that never block.
     pub fn occluded(&self, origin: [f32; 3], direction: [f32; 3], t_max: f32, excluded: &[u32]) -> bool {
-        #[cfg(target_arch = "x86_64")]
-        if self.simd == SimdPath::Avx2
-            && let Some(kernel) = simd::Avx2::detect()
-        {
-            return kernel.occluded(self.ray_scene(excluded), origin, direction, t_max);
-        }
-        ray::occluded(self.ray_scene(excluded), origin, direction, t_max)
+        self.ray_scenes(excluded).any(|scene| {
+            #[cfg(target_arch = "x86_64")]
+            if self.simd == SimdPath::Avx2
+                && let Some(kernel) = simd::Avx2::detect()
+            {
+                return kernel.occluded(scene, origin, direction, t_max);
+            }
+            ray::occluded(scene, origin, direction, t_max)
+        })
     }
 
     /// The nearest surface along the ray, t >= 0. Both faces count; MASK is cut. `excluded`: ids that are passed through.
     pub fn closest_hit(&self, origin: [f32; 3], direction: [f32; 3], excluded: &[u32]) -> Option<Hit> {
-        #[cfg(target_arch = "x86_64")]
-        if self.simd == SimdPath::Avx2
-            && let Some(kernel) = simd::Avx2::detect()
-        {
-            return kernel.closest_hit(self.ray_scene(excluded), origin, direction);
-        }
-        ray::closest_hit(self.ray_scene(excluded), origin, direction)
+        let hits = self.ray_scenes(excluded).filter_map(|scene| {
+            #[cfg(target_arch = "x86_64")]
+            if self.simd == SimdPath::Avx2
+                && let Some(kernel) = simd::Avx2::detect()
+            {
+                return kernel.closest_hit(scene, origin, direction);
+            }
+            ray::closest_hit(scene, origin, direction)
+        });
+        // As within a tree: of hits at equal t the smallest id.
+        hits.min_by(|a, b| a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle)))
     }
 }

@@ -38,10 +38,10 @@ use prelight_runtime::sphere::cubemap::face_axes;
 use prelight_runtime::surface::Texture;
 
 /// Depths up to this count as behind the origin: 2⁻¹⁰⁰ m.
-pub(super) const NEAR: f32 = 7.888609e-31;
+pub(crate) const NEAR: f32 = 7.888609e-31;
 
 /// Width in texels by which a triangle's rectangle is widened.
-pub(super) const PAD: f32 = 1.0 / 128.0;
+pub(crate) const PAD: f32 = 1.0 / 128.0;
 
 /// Triangles with a coordinate beyond this (2⁴⁰ m) do not occlude; products of three differences stay finite below it.
 pub const LARGEST_COORDINATE: f32 = 1.0995116e12;
@@ -59,7 +59,7 @@ pub(super) fn min_ps(a: f32, b: f32) -> f32 {
 }
 
 /// The order of corners that the predicate uses: ascending by the bits of (x, y, z). A pure function of the three positions.
-pub(super) fn canonical_order(corners: &[[f32; 3]; 3]) -> [usize; 3] {
+pub(crate) fn canonical_order(corners: &[[f32; 3]; 3]) -> [usize; 3] {
     // `+ 0.0` turns −0 into 0, so equal positions have equal bits.
     let bits = corners.map(|corner| corner.map(|c| (c + 0.0).to_bits()));
     let mut order = [0, 1, 2];
@@ -68,18 +68,18 @@ pub(super) fn canonical_order(corners: &[[f32; 3]; 3]) -> [usize; 3] {
 }
 
 /// Corners in canonical order.
-pub(super) fn canonical(corners: &[[f32; 3]; 3]) -> [[f32; 3]; 3] {
+pub(crate) fn canonical(corners: &[[f32; 3]; 3]) -> [[f32; 3]; 3] {
     canonical_order(corners).map(|i| corners[i].map(|c| c + 0.0))
 }
 
 /// Whether a triangle takes part at all.
-pub(super) fn is_traceable(corners: &[[f32; 3]; 3]) -> bool {
+pub(crate) fn is_traceable(corners: &[[f32; 3]; 3]) -> bool {
     corners.iter().flatten().all(|c| c.abs() <= LARGEST_COORDINATE)
 }
 
 /// A window of 64×64 texels of one face, seen from one origin.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct View {
+pub(crate) struct View {
     /// Axes of depth, columns and rows.
     pub axes: [usize; 3],
     /// +1 or −1 along the main axis.
@@ -98,7 +98,7 @@ pub(super) struct View {
 
 /// Columns x0..=x1 and rows y0..=y1 of a window, each 0..=63.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Rect {
+pub(crate) struct Rect {
     pub x0: u32,
     pub x1: u32,
     pub y0: u32,
@@ -196,7 +196,7 @@ pub(super) fn edge_plane(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
 
 /// A triangle as one window sees it: its rectangle and its edge planes, signed so that inside is not negative.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Projected {
+pub(crate) struct Projected {
     pub rect: Rect,
     pub planes: [[f32; 3]; 3],
 }

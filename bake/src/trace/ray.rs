@@ -7,7 +7,9 @@
 //! t   = det / (d·N),            barycentrics = e_k / Σ e
 //! ```
 //!
-//! t in units of |d|, with a relative error of a few ulp of |a| / |a·n| (grazing hits lose most). Boxes: slabs with the far distance
+//! t in units of |d|, with a relative error of a few ulp of |a| / |a·n| (grazing hits lose most). A t that lies before the
+//! triangle's own bounds by more than 2⁻¹⁰ is noise and is moved to where they begin, so that no hit is nearer than the box that it lies
+//! in: what nearest hits decide can be keyed by the geometry within their reach. Boxes: slabs with the far distance
 //! widened by 2⁻²⁰, enough for the three roundings before it. Of hits at equal t the smallest id wins, so the answer is a function of the
 //! scene, not of the tree.
 
@@ -32,6 +34,8 @@ pub struct Hit {
 const STACK: usize = 128;
 /// Factor on the far distance of a slab.
 const WIDEN: f32 = 1.0 + 1.0 / 1048576.0;
+/// Relative error of a distance above which it is noise; far above the rounding of slabs.
+const NOISE: f32 = 1.0 / 1024.0;
 /// Stands for 1/0; finite, so that 0·(1/0) is 0.
 const LARGEST_INVERSE: f32 = 1e30;
 
@@ -62,6 +66,18 @@ impl Slabs {
             if inverse.abs() <= LARGEST_INVERSE { inverse } else { LARGEST_INVERSE.copysign(d) }
         });
         Slabs { origin, inverse, near_side: direction.map(|d| usize::from(d.is_sign_negative())) }
+    }
+
+    /// At least the distance at which a triangle's bounds are entered, up to noise.
+    #[inline(never)]
+    fn at_least_entry(&self, corners: &[[f32; 3]; 3], t: f32) -> f32 {
+        let mut enter = 0.0f32;
+        for axis in 0..3 {
+            let [a, b, c] = [0, 1, 2].map(|k| corners[k][axis]);
+            let ends = [min_ps(min_ps(a, b), c), max_ps(max_ps(a, b), c)];
+            enter = max_ps((ends[self.near_side[axis]] - self.origin[axis]) * self.inverse[axis], enter);
+        }
+        if t < enter * (1.0 - NOISE) { enter } else { t }
     }
 
     /// Entry distances of the eight children; bit a lane that is entered before `t_max`.
@@ -171,6 +187,10 @@ fn walk(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32, mut 
                             let id = block.ids[lane];
                             let edges = [hits.edges[0][lane], hits.edges[1][lane], hits.edges[2][lane]];
                             if id == NO_TRIANGLE || scene.excluded.contains(&id) || !scene.masks.blocks(id, edges) {
+                                continue;
+                            }
+                            let t = slabs.at_least_entry(&block.triangle(lane), t);
+                            if t > t_max {
                                 continue;
                             }
                             t_max = accept(t, id, edges, hits.ahead[lane]);

@@ -82,6 +82,9 @@ pub fn check(manifest: &SceneManifest, file: &str, text: &str) -> Result<(), Man
         checker.not_empty(&format!("object[{i}].match"), &rule.pattern)?;
         checker.edge_length(&format!("object[{i}].edge_length"), rule.edge_length)?;
         checker.within(&format!("object[{i}].smooth_angle_deg"), rule.smooth_angle_deg, 0.0, 180.0)?;
+        if let Some(layer) = rule.layer.filter(|layer| *layer > 3) {
+            return Err(checker.range(&format!("object[{i}].layer"), layer, "0, 1, 2 or 3"));
+        }
     }
     if let Some(memory) = manifest.limits.memory.filter(|memory| memory.0 < 1 << 20) {
         return Err(checker.range("limits.memory", memory, "1MiB or more"));

@@ -1,0 +1,261 @@
+//! An edited scene, baked into the store of the one before it, gives what a clean bake gives, and redoes only what the edit can reach.
+
+#[path = "support/edits.rs"]
+mod edits;
+
+use edits::{ALL, Edit, Random, apply};
+use prelight_bake::bake::{BakeOptions, Baked, RebakeOptions, bake};
+use prelight_bake::engine::patch::{PatchInputs, Shadowing};
+use prelight_bake::engine::threads::{Paranoid, candidates};
+use prelight_bake::plan::layer::{MAX_LAYERS, layers};
+use prelight_bake::plan::pieces::Pieces;
+use prelight_bake::plan::{PointParams, plan_object};
+use prelight_bake::progress::Silent;
+use prelight_bake::scene::world::World;
+use prelight_bake::scene::{Mesh, Object, Primitive, Scene};
+use prelight_bake::trace::{OccluderOptions, Occluders, TreeQuality};
+use prelight_manifests::Quality;
+use prelight_runtime::surface::{AlphaMode, Material, Texture, TextureEncoding, TextureRef, Wrap};
+use prelight_store::Store;
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// In memory where that can be had: an edit here costs less than the disk's sync.
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a temporary folder")
+}
+
+fn cuboid(size: [f32; 3], material: u32) -> Primitive {
+    let corner = |k: usize| [0, 1, 2].map(|axis| if k >> axis & 1 == 1 { size[axis] } else { 0.0 });
+    let mut primitive = Primitive { material, uvs: [Some(Vec::new()), None], ..Primitive::default() };
+    for face in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]] {
+        let first = primitive.positions.len() as u32;
+        primitive.positions.extend(face.map(corner));
+        primitive.uvs[0].as_mut().expect("set above").extend([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
+        primitive.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    }
+    primitive
+}
+
+/// A corner of a room with things of every layer in it, one of them a cut-out, one merged from parts far apart.
+fn room() -> Scene {
+    let checker = (0..64u32).flat_map(|i| [200, 180, 160, if (i / 8 + i % 8) % 2 == 0 { 255 } else { 0 }]).collect();
+    let texture = Texture { width: 8, height: 8, encoding: TextureEncoding::Srgb, texels: Cow::Owned(checker) };
+    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: true };
+    let plain = Material::default();
+    let double = Material { double_sided: true, ..plain.clone() };
+    let cut = Material { base_color_texture: Some(reference), alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..double.clone() };
+    let glass = Material { alpha_mode: AlphaMode::Blend, base_color: [1.0, 1.0, 1.0, 0.2], ..plain.clone() };
+    let mut scene = Scene { materials: vec![plain, double, cut, glass], textures: vec![texture], ..Scene::default() };
+    let things = [
+        ("floor", [5.0, 0.1, 5.0], [0.0, -0.1, 0.0], 0),
+        ("wall", [5.0, 2.5, 0.2], [0.0, 0.0, -0.2], 0),
+        ("wall/left", [0.2, 2.5, 4.5], [-0.2, 0.0, 0.0], 1),
+        ("table", [1.2, 0.1, 0.8], [1.5, 0.7, 1.0], 0),
+        ("chest", [0.9, 0.6, 0.5], [3.0, 0.0, 0.5], 0),
+        ("screen", [0.05, 1.1, 1.4], [3.2, 0.0, 2.0], 2),
+        ("pane", [1.0, 0.8, 0.02], [1.0, 1.2, 3.0], 3),
+        ("lamp", [0.2, 0.3, 0.2], [2.0, 0.8, 1.2], 1),
+        ("cup", [0.08, 0.1, 0.08], [1.7, 0.8, 1.1], 0),
+    ];
+    for (name, size, at, material) in things {
+        let world_from_local = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, at[0], at[1], at[2], 1.0];
+        let mut primitive = cuboid(size, material);
+        if name == "chest" {
+            // A second box, far from the first: two components of one object.
+            let (second, shift) = (cuboid([0.2, 0.2, 0.2], 0), primitive.positions.len() as u32);
+            primitive.positions.extend(second.positions.iter().map(|p| [p[0] - 1.5, p[1] + 0.2, p[2] + 2.0]));
+            primitive.uvs[0].as_mut().expect("boxes have them").extend(second.uvs[0].as_ref().expect("boxes have them"));
+            primitive.triangles.extend(second.triangles.iter().map(|t| t.map(|v| v + shift)));
+        }
+        scene.objects.push(Object { name: name.into(), mesh: Arc::new(Mesh { primitives: vec![primitive] }), world_from_local });
+    }
+    scene
+}
+
+fn options(scene: &Scene) -> BakeOptions {
+    let points = PointParams::new(&Quality::Draft.knobs(), 1.0);
+    BakeOptions {
+        points: vec![points; scene.objects.len()],
+        face_resolution: 64,
+        tree: TreeQuality::Fast,
+        memory: 1 << 30,
+        shuffle_shards: None,
+        rebake: RebakeOptions::default(),
+    }
+}
+
+fn bake_in(scene: &Scene, options: &BakeOptions, store: &Store) -> Baked {
+    bake(scene, options, store, &Silent).expect("this scene bakes")
+}
+
+fn clean(scene: &Scene, options: &BakeOptions) -> (tempfile::TempDir, Store, Baked) {
+    let folder = folder();
+    let store = Store::open_or_create(folder.path()).expect("a new store");
+    let baked = bake_in(scene, options, &store);
+    (folder, store, baked)
+}
+
+/// Every key of the scene's base points with the name of the bits that it stands for.
+fn keys(scene: &Scene, options: &BakeOptions, store: &Store) -> Vec<([u8; 16], [u8; 16])> {
+    let world = World::build(scene);
+    let layer_of = layers(scene, &world, &options.rebake.layers);
+    let pieces = Pieces::build(scene, &world, &layer_of, MAX_LAYERS);
+    let occluders = Occluders::build_layers(&world, &scene.textures, OccluderOptions::default(), &layer_of, MAX_LAYERS);
+    let of = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: options.face_resolution };
+    let mut keys = Vec::new();
+    for object in 0..scene.objects.len() {
+        let plan = plan_object(scene, &world, object, &options.points[object]).expect("this scene can be planned");
+        for patch in &plan.patches {
+            let found = candidates(store, &PatchInputs::new(&of, &plan, patch)).expect("the store can be read");
+            assert_eq!(found.len(), 1, "one record a patch in a clean store");
+            keys.extend(found[0].table.rows().iter().map(|row| (row.key, row.name)));
+        }
+    }
+    keys
+}
+
+/// Number of edits: `PRELIGHT_EDITS`, or a few.
+fn n_edits(few: usize) -> usize {
+    std::env::var("PRELIGHT_EDITS").ok().and_then(|n| n.parse().ok()).unwrap_or(few)
+}
+
+#[test]
+fn after_random_edits_a_rebake_is_the_clean_bake_and_no_key_stands_for_two_results() {
+    let folder = folder();
+    let store = Store::open_or_create(folder.path()).unwrap();
+    let base = room();
+    bake_in(&base, &options(&base), &store);
+    let mut meaning: HashMap<[u8; 16], [u8; 16]> = HashMap::new();
+    let (mut random, mut scene) = (Random(2026), base.clone());
+    let (mut redone, mut known, mut repeated) = (0, 0, 0);
+    for step in 0..n_edits(36) {
+        // Edits pile up; every now and then all is undone, or the scene has grown too small.
+        if random.below(10) == 0 || scene.objects.len() < 4 || scene.objects.len() > 14 {
+            scene = base.clone();
+        }
+        let object = random.below(scene.objects.len());
+        let said = apply(&mut scene, object, ALL[random.below(ALL.len())], &mut random);
+        let options = options(&scene);
+        let (_folder, fresh, expected) = clean(&scene, &options);
+        let rebaked = bake_in(&scene, &options, &store);
+        assert_eq!(rebaked.asset_digest, expected.asset_digest, "step {step}: {said}");
+        for (key, name) in keys(&scene, &options, &fresh) {
+            let before = meaning.insert(key, name);
+            repeated += u64::from(before.is_some());
+            assert!(before.is_none_or(|before| before == name), "step {step}: {said}: a key stands for two results");
+        }
+        assert_eq!((expected.stats.tiles.redone, expected.stats.tiles.known), (0, 0), "a clean bake knows nothing");
+        redone += rebaked.stats.tiles.redone;
+        known += rebaked.stats.tiles.known;
+    }
+    assert!(repeated > 1000 && known > 1000, "keys must come again: {repeated} rows, {known} tiles");
+    assert!(redone > 0 && redone < known / 4, "{redone} of {known} known tiles were redone");
+}
+
+#[test]
+fn light_factors_and_undoing_redo_nothing() {
+    let folder = folder();
+    let store = Store::open_or_create(folder.path()).unwrap();
+    let base = room();
+    let first = bake_in(&base, &options(&base), &store);
+    let mut random = Random(7);
+    for object in 0..base.objects.len() {
+        let mut scene = base.clone();
+        apply(&mut scene, object, Edit::Factors, &mut random);
+        let baked = bake_in(&scene, &options(&scene), &store);
+        assert_eq!((baked.stats.tiles.traced, baked.stats.patches_traced), (0, 0), "{}", base.objects[object].name);
+    }
+    let mut moved = base.clone();
+    apply(&mut moved, 4, Edit::Move, &mut random);
+    let there = bake_in(&moved, &options(&moved), &store);
+    assert!(there.stats.tiles.traced > 0 && there.asset_digest != first.asset_digest);
+    let back = bake_in(&base, &options(&base), &store);
+    assert_eq!((back.stats.tiles.traced, back.asset_digest), (0, first.asset_digest), "both variants are kept");
+}
+
+#[test]
+fn a_far_object_and_the_outermost_one_moved_leave_the_others_alone() {
+    let folder = folder();
+    let store = Store::open_or_create(folder.path()).unwrap();
+    let base = room();
+    let first = bake_in(&base, &options(&base), &store);
+    // Below the floor's underside and by far the outermost: a cup that is smaller than a texel from there, and one as large as a hill.
+    for (scale, is_seen) in [(1.0, false), (400.0, true)] {
+        let mut far = base.clone();
+        let mut stone = base.objects[8].clone();
+        stone.name = "stone".into();
+        stone.world_from_local = [scale, 0.0, 0.0, 0.0, 0.0, scale, 0.0, 0.0, 0.0, 0.0, scale, 0.0, 400.0, -300.0, 0.0, 1.0];
+        far.objects.push(stone);
+        for step in 0..2 {
+            far.objects.last_mut().unwrap().world_from_local[12] += 50.0 * f64::from(step);
+            let mut options = options(&far);
+            options.points.last_mut().unwrap().edge_length = 50.0;
+            let baked = bake_in(&far, &options, &store);
+            for (before, now) in first.content.objects.iter().zip(&baked.content.objects) {
+                assert_eq!((&before.name, &before.mesh, before.n_points), (&now.name, &now.mesh, now.n_points));
+                assert!(before.patches.iter().zip(&now.patches).all(|(a, b)| a.points == b.points), "{}", now.name);
+            }
+            // Tiles that look down and out may be reached; no tile that looks up is.
+            let tiles = baked.stats.tiles;
+            assert_eq!(tiles.redone > 0, is_seen, "{tiles:?}");
+            assert!(20 * tiles.redone < tiles.known, "{tiles:?}");
+        }
+    }
+}
+
+#[test]
+fn layers_that_the_manifest_fixes_change_no_digest_and_outputs_can_be_restricted() {
+    let scene = room();
+    let plain = options(&scene);
+    let (_folder, store, expected) = clean(&scene, &plain);
+    let mut fixed = plain.clone();
+    fixed.rebake.layers = (0..scene.objects.len()).map(|object| Some((object % 4) as u8)).collect();
+    assert_eq!(clean(&scene, &fixed).2.asset_digest, expected.asset_digest);
+
+    let mut some = plain.clone();
+    some.rebake.only = Some(scene.objects.iter().map(|object| object.name.starts_with("wall")).collect());
+    for baked in [bake_in(&scene, &some, &store), clean(&scene, &some).2] {
+        let names: Vec<&str> = baked.content.objects.iter().map(|object| object.name.as_str()).collect();
+        assert_eq!(names, ["wall", "wall/left"]);
+        // What is left out still blocks light.
+        assert_eq!(baked.content.objects, expected.content.objects[1..3]);
+    }
+}
+
+#[test]
+fn paranoia_finds_a_tile_that_is_not_what_its_key_promises() {
+    let scene = room();
+    let mut options = options(&scene);
+    let (_folder, store, expected) = clean(&scene, &options);
+    options.rebake.paranoid = Some(Paranoid { tiles: 96, seed: 1 });
+    assert_eq!(bake_in(&scene, &options, &store).asset_digest, expected.asset_digest);
+
+    // A ledger that lies: the records of this scene, with another patch's chunk of as many points.
+    let liar = folder();
+    let lying = Store::open_or_create(liar.path()).unwrap();
+    let world = World::build(&scene);
+    let layer_of = layers(&scene, &world, &[]);
+    let pieces = Pieces::build(&scene, &world, &layer_of, MAX_LAYERS);
+    let occluders = Occluders::build_layers(&world, &scene.textures, OccluderOptions::default(), &layer_of, MAX_LAYERS);
+    let of = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: 64 };
+    let mut writer = lying.writer();
+    let (mut chunks, mut lies) = (HashMap::new(), 0);
+    for object in 0..scene.objects.len() {
+        let plan = plan_object(&scene, &world, object, &options.points[object]).unwrap();
+        for patch in &plan.patches {
+            let inputs = PatchInputs::new(&of, &plan, patch);
+            let found = candidates(&store, &inputs).unwrap().remove(0);
+            let stranger = chunks.entry(patch.n_points).or_insert(found.descriptor.clone()).clone();
+            lies += u32::from(stranger != found.descriptor);
+            let bytes = prelight_store::ChunkSource::chunk(&store, &stranger).unwrap();
+            let put = writer.put(stranger.kind, stranger.dtype, stranger.shape.clone(), &bytes).unwrap();
+            writer.record(inputs.key, prelight_store::Record { chunks: vec![put], data: found.table.encode() });
+        }
+    }
+    writer.commit().unwrap();
+    assert!(lies > 0);
+    let error = bake(&scene, &options, &lying, &Silent).unwrap_err().to_string();
+    assert!(error.contains("tile") && error.contains("object '"), "{error}");
+}
