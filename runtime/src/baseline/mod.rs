@@ -1,6 +1,9 @@
-//! Products that prelight's techniques are measured against. [`pixel_product`] is what all others mean; [`dense`] is there to be beaten.
+//! Products that prelight's techniques are measured against. [`pixel_product`] is what all others mean; the rest is there to be beaten:
+//! [`dense`] sums over texels, [`haar_triple`] over wavelets \[NRH04\], [`sh_product`] over spherical harmonics \[SKS02\].
 
 pub mod dense;
+pub mod haar_triple;
 pub mod pixel_product;
+pub mod sh_product;
 #[cfg(target_arch = "x86_64")]
 mod simd;
