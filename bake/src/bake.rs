@@ -9,8 +9,10 @@ use crate::engine::patch::Shadowing;
 use crate::engine::threads::{Paranoid, PatchResult, PatchTask, Tracer};
 use crate::error::BakeError;
 use crate::plan::buried::BuriedProbe;
+use crate::plan::changes::StalePatch;
 use crate::plan::layer::{MAX_LAYERS, layers};
 use crate::plan::pieces::Pieces;
+use crate::plan::shaft::OriginBoxes;
 use crate::plan::surface::point_surfaces;
 use crate::plan::{ObjectPlan, PointParams, plan_object};
 use crate::progress::{Progress, Stage, check};
@@ -81,6 +83,8 @@ pub struct BakeStats {
     pub patches_traced: u64,
     /// Tiles: what was taken, what was traced.
     pub tiles: TileStats,
+    /// Patches of which a tile was traced, and where they lie: what reasons are found from.
+    pub stale: Vec<StalePatch>,
     /// Points added because neighbours saw different things.
     pub points_split: u64,
     /// Plain bytes of all chunks that the asset names, each once.
@@ -275,6 +279,11 @@ fn trace_missing(tracer: &Tracer, options: &BakeOptions, work: &mut [ObjectWork]
             object.plan.mark_buried(&buried);
             stats.patches_traced += u64::from(result.is_new || result.redone != 0);
             stats.tiles.add(&result);
+            if result.is_new || result.redone != 0 {
+                let origins = OriginBoxes::new(object.plan.origin[object.plan.patches[patch].range()].iter().copied()).patch;
+                let tiles = if result.is_new { result.live } else { result.redone };
+                stats.stale.push(StalePatch { object: object.plan.object, origins, tiles, is_new: result.is_new });
+            }
             object.visibility.push((result.visibility, result.chunk));
         }
     }

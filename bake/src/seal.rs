@@ -9,7 +9,7 @@ use prelight_manifests::{ChunkKind, Descriptor, Dtype, version};
 use prelight_runtime::asset::base::{self, BasePrimitive};
 use prelight_runtime::asset::{Asset, AssetObject};
 use prelight_runtime::surface::Texture;
-use prelight_store::Store;
+use prelight_store::{ChunkSource, Store};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
@@ -72,9 +72,8 @@ pub(crate) fn base_chunk(mesh: &Mesh) -> Vec<u8> {
     base::to_chunk(&primitives)
 }
 
-/// The scene that an asset was baked from, from its chunks alone.
-pub fn scene_from_asset(asset: &Asset) -> Scene {
-    let owned = |primitive: BasePrimitive| Primitive {
+fn owned(primitive: BasePrimitive) -> Primitive {
+    Primitive {
         positions: primitive.positions.to_vec(),
         triangles: primitive.triangles.to_vec(),
         material: primitive.material,
@@ -82,7 +81,11 @@ pub fn scene_from_asset(asset: &Asset) -> Scene {
         tangents: primitive.tangents.map(<[_]>::to_vec),
         uvs: primitive.uvs.map(|uv| uv.map(<[_]>::to_vec)),
         colors: primitive.colors.map(<[_]>::to_vec),
-    };
+    }
+}
+
+/// The scene that an asset was baked from, from its chunks alone.
+pub fn scene_from_asset(asset: &Asset) -> Scene {
     let object = |(i, object): (usize, &AssetObject)| Object {
         name: object.name.clone(),
         mesh: Arc::new(Mesh { primitives: asset.base(i).into_iter().map(owned).collect() }),
@@ -96,6 +99,33 @@ pub fn scene_from_asset(asset: &Asset) -> Scene {
         cameras: asset.cameras().to_vec(),
         ..Scene::default()
     }
+}
+
+/// Geometry and opacity of the scene that an asset was baked from, read from the few chunks that hold them: what a later scene is compared
+/// with. An asset of some objects only gives those.
+///
+/// # Errors
+/// A chunk that is missing, corrupt, or not what the manifest calls it.
+pub fn occluding_scene(content: &AssetContent, store: &dyn ChunkSource) -> Result<Scene, BakeError> {
+    let unreadable = |error: serde_json::Error| BakeError::Unsupported {
+        what: format!("the asset's materials cannot be read: {error}"),
+        help: "it was written by another version of prelight; bake again".to_string(),
+    };
+    let materials = serde_json::from_slice(&store.chunk(&content.materials)?).map_err(unreadable)?;
+    let mut textures = Vec::with_capacity(content.textures.len());
+    for descriptor in &content.textures {
+        let chunk = store.chunk(descriptor)?;
+        let texture = Texture::from_chunk(&chunk)?;
+        textures.push(Texture { texels: Cow::Owned(texture.texels.into_owned()), ..texture });
+    }
+    let mut objects = Vec::with_capacity(content.objects.len());
+    for object in &content.objects {
+        let chunk = store.chunk(&object.base)?;
+        let primitives = base::from_chunk(&chunk)?.into_iter().map(owned).collect();
+        let (name, world_from_local) = (object.name.clone(), object.world_from_local);
+        objects.push(Object { name, mesh: Arc::new(Mesh { primitives }), world_from_local });
+    }
+    Ok(Scene { objects, materials, textures, ..Scene::default() })
 }
 
 /// Plain bytes of every chunk, each counted once.

@@ -5,7 +5,8 @@ mod edits;
 
 use edits::{ALL, Edit, Random, apply};
 use prelight_bake::bake::{BakeOptions, Baked, RebakeOptions, bake};
-use prelight_bake::engine::patch::{PatchInputs, Shadowing};
+use prelight_bake::engine::bits::PatchBits;
+use prelight_bake::engine::patch::{PatchInputs, Resolution, Shadowing, resolve, stale_tiles};
 use prelight_bake::engine::threads::{Paranoid, candidates};
 use prelight_bake::plan::layer::{MAX_LAYERS, layers};
 use prelight_bake::plan::pieces::Pieces;
@@ -13,7 +14,7 @@ use prelight_bake::plan::{PointParams, plan_object};
 use prelight_bake::progress::Silent;
 use prelight_bake::scene::world::World;
 use prelight_bake::scene::{Mesh, Object, Primitive, Scene};
-use prelight_bake::trace::{OccluderOptions, Occluders, TreeQuality};
+use prelight_bake::trace::{OccluderOptions, Occluders, Scratch, TreeQuality};
 use prelight_manifests::Quality;
 use prelight_runtime::surface::{AlphaMode, Material, Texture, TextureEncoding, TextureRef, Wrap};
 use prelight_store::Store;
@@ -258,4 +259,40 @@ fn paranoia_finds_a_tile_that_is_not_what_its_key_promises() {
     assert!(lies > 0);
     let error = bake(&scene, &options, &lying, &Silent).unwrap_err().to_string();
     assert!(error.contains("tile") && error.contains("object '"), "{error}");
+}
+
+#[test]
+fn patches_by_shafts_and_layers_have_the_bits_of_one_tree_and_one_origin_at_a_time() {
+    let scene = room();
+    let world = World::build(&scene);
+    let layer_of = layers(&scene, &world, &[]);
+    assert_eq!((0..MAX_LAYERS as u8).filter(|layer| layer_of.contains(layer)).count(), MAX_LAYERS, "things of every layer");
+    let pieces = Pieces::build(&scene, &world, &layer_of, MAX_LAYERS);
+    let by_layers = Occluders::build_layers(&world, &scene.textures, OccluderOptions::default(), &layer_of, MAX_LAYERS);
+    let one_tree = Occluders::build(&world, &scene.textures, OccluderOptions::default());
+    let (mut bits, mut scratch, mut blocked) = (PatchBits::default(), Scratch::default(), 0);
+    for face_resolution in [64u32, 128] {
+        let of = Shadowing { pieces: &pieces, occluders: &by_layers, face_resolution };
+        let n = face_resolution as usize;
+        let mut expected = vec![0; 6 * n * n / 64];
+        for object in 0..scene.objects.len() {
+            let plan = plan_object(&scene, &world, object, &options(&scene).points[object]).unwrap();
+            for patch in &plan.patches {
+                let inputs = PatchInputs::new(&of, &plan, patch);
+                let found = resolve(&of, &inputs, &[], &|_| Ok(None), &mut bits).unwrap();
+                let Resolution::Done(found) = found else { panic!("there is no candidate that could be unusable") };
+                assert!(found.same.is_none() && found.changed == 0 && found.redone & !found.live == 0);
+                for (point, open) in patch.range().zip(bits.open().chunks_exact(expected.len())) {
+                    one_tree.open_texels(&plan.trace_origin(point), n, &mut scratch, &mut expected);
+                    assert_eq!(open, expected, "point {point} of {}", scene.objects[object].name);
+                    blocked += usize::from(found.redone != 0);
+                }
+                // Planning knows before what tracing will do.
+                let (live, stale) = stale_tiles(&of, &inputs, &[]);
+                assert_eq!(live, found.live);
+                assert!(stale & !found.redone == 0 && (stale != 0) == (found.redone != 0));
+            }
+        }
+    }
+    assert!(blocked > 500, "{blocked}");
 }

@@ -4,9 +4,11 @@ use super::args::{BakeKnobs, SceneArgs};
 use super::context::peak_memory;
 use super::loaded::Loaded;
 use super::output::write_atomically;
-use super::{Context, Failure, Summary};
+use super::{Context, ExitCode, Failure, Summary, reasons};
 use clap::Args;
 use prelight_bake::bake::{Baked, bake_world};
+use prelight_bake::engine::threads::Paranoid;
+use prelight_bake::scene::overrides::matching_objects;
 use prelight_bake::seal::seal;
 use prelight_store::Store;
 use serde_json::{Value, json};
@@ -27,25 +29,76 @@ pub struct BakeArgs {
     pub output: Option<PathBuf>,
     #[command(flatten)]
     pub knobs: BakeKnobs,
+    #[command(flatten)]
+    pub rebake: RebakeArgs,
+}
+
+/// What is baked, and how much what the store has is trusted.
+#[derive(Args, Clone, Debug, Default)]
+pub struct RebakeArgs {
+    /// Bake only the objects whose names match; the others block light as ever, but are not in the asset
+    #[arg(long, value_name = "GLOB")]
+    pub only: Option<String>,
+    /// Trace N tiles a patch again that the store has, and fail if one differs
+    #[arg(long, value_name = "N")]
+    pub paranoid: Option<u32>,
+}
+
+impl RebakeArgs {
+    /// Puts them into the options.
+    pub fn apply(&self, loaded: &mut Loaded) -> Result<(), Failure> {
+        let rebake = &mut loaded.settings.options.rebake;
+        if let Some(pattern) = &self.only {
+            let only = matching_objects("--only", pattern, &loaded.scene.objects)?;
+            if !only.contains(&true) {
+                let text = format!("--only {pattern} matches no object\n  help: `prelight plan` lists their names");
+                return Err(Failure::text(ExitCode::Input, text));
+            }
+            rebake.only = Some(only);
+        }
+        // Other tiles each time; what they are is no part of the result.
+        let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        let seed = now.map_or(0, |time| time.as_nanos() as u64);
+        rebake.paranoid = self.paranoid.map(|tiles| Paranoid { tiles, seed });
+        Ok(())
+    }
 }
 
 /// Runs the verb.
 pub fn run(args: BakeArgs, context: &Context) -> Result<Summary, Failure> {
     if context.dry_run {
-        return super::plan::run(super::plan::PlanArgs { scene: args.scene, output: args.output, knobs: args.knobs }, context);
+        let (scene, output, knobs, only) = (args.scene, args.output, args.knobs, args.rebake.only);
+        return super::plan::run(super::plan::PlanArgs { scene, output, knobs, only, since: None }, context);
     }
     let start = Instant::now();
-    let loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
+    let mut loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
+    args.rebake.apply(&mut loaded)?;
     let read_seconds = start.elapsed().as_secs_f64();
-    let asset = args.output.unwrap_or_else(|| PathBuf::from(format!("{}.prelight.json", loaded.input.stem())));
+    let asset = args.output.unwrap_or_else(|| default_asset(&loaded, args.rebake.only.is_some()));
     let folder = context.store.clone().unwrap_or_else(|| default_store(&asset));
     let store = Store::open_or_create(&folder)?;
     let baked = bake_world(&loaded.scene, &loaded.world, &loaded.settings.options, &store, context.progress())?;
-    let summary = summary(&baked, &loaded, &asset, &folder, read_seconds, start);
+    let mut summary = summary(&baked, &loaded, &asset, &folder, read_seconds, start);
+    if baked.stats.tiles.traced > 0 && asset.exists() {
+        // The asset that is about to be replaced says what changed; one that cannot be read says nothing.
+        match reasons::since(&asset, &store, &loaded, &baked.stats.stale, context) {
+            Ok(found) => {
+                reasons::lines(&found).iter().for_each(|line| context.progress().message(line));
+                summary.set("stale", reasons::to_json(&found));
+            }
+            Err(error) => context.progress().warning(&format!("what changed cannot be said: {error}")),
+        }
+    }
     let report = report(&summary, &loaded, &asset, &folder);
     let manifest = seal(&baked, report, &store)?;
     write_atomically(&asset, |out| out.write_all(manifest.to_text().as_bytes()))?;
     Ok(summary)
+}
+
+/// `<stem>.prelight.json` in the current folder; a part of a scene does not take the place of the whole.
+pub fn default_asset(loaded: &Loaded, in_part: bool) -> PathBuf {
+    let stem = loaded.input.stem();
+    PathBuf::from(if in_part { format!("{stem}.only.prelight.json") } else { format!("{stem}.prelight.json") })
 }
 
 /// `.prelight` beside the asset.

@@ -1,7 +1,7 @@
 //! `prelight demo`: a scene made in code, baked and rendered under two lights and from two views.
 
 use super::args::{BakeKnobs, SceneArgs, ViewArgs};
-use super::bake::BakeArgs;
+use super::bake::{BakeArgs, RebakeArgs};
 use super::opened::{self, open_asset, open_environment};
 use super::render::{Picture, relight, set_metrics, write_image};
 use super::truth::Truth;
@@ -39,7 +39,12 @@ pub fn run(args: DemoArgs, context: &Context) -> Result<Summary, Failure> {
     let scene = write_scene(&args.output)?;
     let asset_path = args.output.join("scene.prelight.json");
     let bake = super::bake::run(
-        BakeArgs { scene: SceneArgs { scene: scene.manifest.clone() }, output: Some(asset_path.clone()), knobs: BakeKnobs::default() },
+        BakeArgs {
+            scene: SceneArgs { scene: scene.manifest.clone() },
+            output: Some(asset_path.clone()),
+            knobs: BakeKnobs::default(),
+            rebake: RebakeArgs::default(),
+        },
         context,
     )?;
     let asset = open_asset(&asset_path, context)?;

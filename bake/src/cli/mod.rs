@@ -19,6 +19,7 @@ mod opened;
 mod output;
 mod plan;
 mod read;
+mod reasons;
 mod render;
 mod reporter;
 mod schema;

@@ -1,12 +1,15 @@
 //! `prelight plan`: what a bake would do and cost.
 
 use super::args::{BakeKnobs, SceneArgs};
-use super::bake::round;
+use super::bake::{RebakeArgs, default_asset, default_store, round};
 use super::loaded::Loaded;
-use super::{Context, Failure, Summary};
+use super::{Context, Failure, Summary, reasons};
 use clap::Args;
+use prelight_bake::plan::changes::Reason;
 use prelight_bake::plan::estimate::{Estimate, estimate};
+use prelight_bake::plan::stale::{Stale, find_stale};
 use prelight_manifests::ByteSize;
+use prelight_store::{Store, StoreError};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -23,11 +26,18 @@ pub struct PlanArgs {
     pub output: Option<PathBuf>,
     #[command(flatten)]
     pub knobs: BakeKnobs,
+    /// Plan only the objects whose names match
+    #[arg(long, value_name = "GLOB")]
+    pub only: Option<String>,
+    /// Say what changed since this asset was baked; without it, since the one that the bake would replace
+    #[arg(long, value_name = "ASSET")]
+    pub since: Option<PathBuf>,
 }
 
 /// Runs the verb.
 pub fn run(args: PlanArgs, context: &Context) -> Result<Summary, Failure> {
-    let loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
+    let mut loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
+    RebakeArgs { only: args.only.clone(), paranoid: None }.apply(&mut loaded)?;
     let options = &loaded.settings.options;
     let estimate = estimate(&loaded.scene, &loaded.world, options, context.jobs, context.progress())?;
     let objects: Vec<(&str, u64)> =
@@ -43,8 +53,45 @@ pub fn run(args: PlanArgs, context: &Context) -> Result<Summary, Failure> {
         .set("bytes.memory", estimate.bytes_memory)
         .set("seconds.estimate", estimate.seconds)
         .set("objects", objects.iter().map(|(name, points)| serde_json::json!({ "name": name, "points": points })).collect::<Vec<_>>());
-    summary.set_text(text(&loaded, &estimate, objects, context.jobs));
+    let (stale, reasons) = rebake(&args, &loaded, context)?;
+    let mut text = text(&loaded, &estimate, objects, context.jobs);
+    if let Some(stale) = stale {
+        let seconds = estimate.seconds_to_trace(stale.points);
+        summary
+            .set("tiles.live", stale.live)
+            .set("tiles.stale", stale.tiles)
+            .set("patches.total", stale.patches)
+            .set("patches.stale", stale.stale.len())
+            .set("seconds.rebake", seconds)
+            .set("stale", reasons::to_json(&reasons));
+        let (patches, tiles) = (stale.stale.len(), stale.tiles);
+        let share = format!("{patches} of {} patches, {tiles} of {} tiles", stale.patches, stale.live);
+        writeln!(text, "\n{:<14}{share}; about {:.0} s", "stale", seconds.max(1.0)).expect("writing to a string");
+        reasons::lines(&reasons).iter().for_each(|line| writeln!(text, "{:<14}{line}", "").expect("writing to a string"));
+    }
+    summary.set_text(text);
     Ok(summary)
+}
+
+/// What is stale against the store that the bake would use, and why; nothing where there is no store yet.
+fn rebake(args: &PlanArgs, loaded: &Loaded, context: &Context) -> Result<(Option<Stale>, Vec<Reason>), Failure> {
+    let asset = args.output.clone().unwrap_or_else(|| default_asset(loaded, args.only.is_some()));
+    let folder = context.store.clone().unwrap_or_else(|| default_store(args.since.as_ref().unwrap_or(&asset)));
+    let store = match Store::open(&folder) {
+        Ok(store) => store,
+        Err(StoreError::NotFound { .. }) if args.since.is_none() => return Ok((None, Vec::new())),
+        Err(error) => return Err(error.into()),
+    };
+    let stale = find_stale(&loaded.scene, &loaded.world, &loaded.settings.options, &store, context.progress())?;
+    let reasons = match &args.since {
+        Some(since) => reasons::since(since, &store, loaded, &stale.stale, context)?,
+        None if asset.exists() => reasons::since(&asset, &store, loaded, &stale.stale, context).unwrap_or_else(|error| {
+            context.progress().warning(&format!("what changed cannot be said: {error}"));
+            Vec::new()
+        }),
+        None => Vec::new(),
+    };
+    Ok((Some(stale), reasons))
 }
 
 fn text(loaded: &Loaded, estimate: &Estimate, mut objects: Vec<(&str, u64)>, jobs: usize) -> String {

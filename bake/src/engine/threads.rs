@@ -10,7 +10,7 @@ use crate::bake::commit;
 use crate::block_product::visibility::encode;
 use crate::error::BakeError;
 use crate::plan::buried::{BuriedProbe, local_edge};
-use crate::plan::key::{buried_key, buried_question};
+use crate::plan::key::{BlindPoint, buried_key, buried_question};
 use crate::plan::tile::{TileSet, TileTable, tiles};
 use crate::plan::{ObjectPlan, Patch};
 use crate::progress::{Progress, check};
@@ -208,9 +208,11 @@ impl Tracer<'_> {
         }
         let first = task.patch.range().start;
         let point = |local: u8| first + usize::from(local);
-        let described = blind.iter().map(|local| {
-            let edge = local_edge(task.plan, point(*local) as u32, task.edge_length);
-            (*local, task.plan.geometric_normal[point(*local)], edge)
+        let described = blind.iter().map(|&index| BlindPoint {
+            index,
+            geometric_normal: task.plan.geometric_normal[point(index)],
+            local_edge: local_edge(task.plan, point(index) as u32, task.edge_length),
+            sides: task.plan.base_triangles(point(index)).iter().map(|id| self.probe.side(*id)).collect(),
         });
         let question = buried_question(&inputs.key, task.edge_length, described);
         let key = |reach: f64| buried_key(&question, self.shadowing.pieces, &inputs.origins.patch, reach);

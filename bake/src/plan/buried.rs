@@ -92,6 +92,11 @@ impl<'a> BuriedProbe<'a> {
         Verdict { is_buried: 2 * behind >= N_DIRECTIONS || 2 * near >= N_DIRECTIONS, reach: reach * (1.0 + 1.0 / 256.0) }
     }
 
+    /// Winding and sidedness of a triangle, as keys have it.
+    pub fn side(&self, triangle: u32) -> u8 {
+        super::pieces::side(self.scene, self.world, triangle)
+    }
+
     fn is_single_sided(&self, triangle: u32) -> bool {
         let primitive = &self.world.primitives[self.world.primitive[triangle as usize] as usize];
         !self.scene.materials[primitive.material as usize].double_sided

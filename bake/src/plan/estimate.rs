@@ -52,9 +52,17 @@ pub struct Estimate {
     pub bytes_memory: u64,
     /// Wall seconds of a bake from nothing: traced points scaled up. Within a factor of two.
     pub seconds: f64,
+    /// Of those, the ones that any bake takes, whatever is in the store.
+    pub seconds_fixed: f64,
 }
 
 impl Estimate {
+    /// Wall seconds of a bake that traces so many of the points.
+    pub fn seconds_to_trace(&self, points: f64) -> f64 {
+        let share = points / (self.total_points() as f64).max(1.0);
+        self.seconds_fixed + (self.seconds - self.seconds_fixed) * share.min(1.0)
+    }
+
     /// Points of all objects.
     pub fn total_points(&self) -> u64 {
         self.points.iter().sum()
@@ -65,7 +73,9 @@ impl Estimate {
 pub fn estimate(scene: &Scene, world: &World, options: &BakeOptions, jobs: usize, progress: &dyn Progress) -> Result<Estimate, BakeError> {
     let _stage = Stage::begin(progress, "plan", None, "points");
     let start = Instant::now();
-    let points = count_points(scene, world, &options.points)?;
+    let mut points = count_points(scene, world, &options.points)?;
+    let left_out = |(object, _): &(usize, &mut u64)| !options.rebake.wants(*object);
+    points.iter_mut().enumerate().filter(left_out).for_each(|(_, count)| *count = 0);
     let total: u64 = points.iter().sum();
     let largest = batches(world, &points, options.memory, jobs)?.into_iter().map(|batch| points[batch].iter().sum::<u64>()).max();
     let occluders = Occluders::build(world, &scene.textures, OccluderOptions { quality: options.tree, ..OccluderOptions::default() });
@@ -77,6 +87,7 @@ pub fn estimate(scene: &Scene, world: &World, options: &BakeOptions, jobs: usize
         bytes_stored: total * STORED_POINT_BYTES,
         bytes_memory: base_bytes(world, jobs) + largest.unwrap_or(0) * POINT_BYTES,
         seconds: fixed + traced * OVERHEAD,
+        seconds_fixed: fixed,
         points,
     })
 }

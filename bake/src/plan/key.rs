@@ -3,7 +3,8 @@
 //! ```text
 //! points key   = H(versions, face resolution, per point: origin, n_s, digests of its base triangles)
 //! key_k(P, b)  = H(points key, tile b, open bits left by layer k − 1, pieces of layer k that reach an open cell)
-//! buried key   = H(versions, points key, edge length, per blind point: n_g, local edge; reach; pieces within reach, with their sides)
+//! buried key   = H(versions, points key, edge length, per blind point: n_g, local edge, sides of its base triangles;
+//!                  reach; pieces within reach, with their sides)
 //! ```
 //!
 //! The layer's number does not enter: what is open, and what may cover it, is all that a result depends on. No index, name, path or order
@@ -94,15 +95,28 @@ pub fn tile_key(points: &Digest, tile: u8, before: &[u8; 16], sum: &DigestSum, n
     std::array::from_fn(|i| digest.as_bytes()[i])
 }
 
-/// Names the question which of a patch's blind points lie inside a solid. `blind`: index, n_g and local edge of each.
-pub fn buried_question(points: &Digest, edge_length: f32, blind: impl Iterator<Item = (u8, [f32; 3], f64)>) -> Digest {
+/// A point that sees nothing.
+pub struct BlindPoint {
+    /// Index in its patch.
+    pub index: u8,
+    /// n_g.
+    pub geometric_normal: [f32; 3],
+    /// Mean edge of its base triangle, metres.
+    pub local_edge: f64,
+    /// Per base triangle that never blocks it: which of two coincident triangles is left out matters only by these.
+    pub sides: Vec<u8>,
+}
+
+/// Names the question which of a patch's blind points lie inside a solid.
+pub fn buried_question(points: &Digest, edge_length: f32, blind: impl Iterator<Item = BlindPoint>) -> Digest {
     let mut hasher = Hasher::new("prelight buried");
     hasher.bytes(&points.0);
     hasher.floats(&[edge_length]);
-    for (point, normal, local_edge) in blind {
-        hasher.words(&[u32::from(point)]);
-        hasher.floats(&normal);
-        hasher.bytes(&local_edge.to_le_bytes());
+    for point in blind {
+        hasher.words(&[u32::from(point.index), point.sides.len() as u32]);
+        hasher.floats(&point.geometric_normal);
+        hasher.bytes(&point.local_edge.to_le_bytes());
+        hasher.bytes(&point.sides);
     }
     hasher.finish()
 }

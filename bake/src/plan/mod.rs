@@ -7,6 +7,7 @@
 
 mod attributes;
 pub mod buried;
+pub mod changes;
 pub mod density;
 mod draft;
 pub mod estimate;
@@ -18,6 +19,7 @@ pub mod patch;
 pub mod pieces;
 pub mod points;
 pub mod shaft;
+pub mod stale;
 pub mod surface;
 pub mod tile;
 pub mod weld;

@@ -171,6 +171,14 @@ fn is_odd(order: [usize; 3]) -> bool {
     matches!(order, [0, 2, 1] | [1, 0, 2] | [2, 1, 0])
 }
 
+/// What the search for buried points reads of a triangle besides its digest: winding against the canonical order, and whether its back
+/// is a surface.
+pub fn side(scene: &Scene, world: &World, id: u32) -> u8 {
+    let primitive = &world.primitives[world.primitive[id as usize] as usize];
+    let double_sided = scene.materials.get(primitive.material as usize).is_some_and(|material| material.double_sided);
+    u8::from(is_odd(canonical_order(&world.positions[id as usize]))) | u8::from(double_sided) << 1
+}
+
 fn cut_object(
     scene: &Scene,
     world: &World,
@@ -242,10 +250,7 @@ impl Cut<'_> {
         for &(_, id) in sorted {
             let corners = &self.world.positions[id as usize];
             corners.iter().for_each(|corner| bounds.add(*corner));
-            let primitive = &self.world.primitives[self.world.primitive[id as usize] as usize];
-            let double_sided = self.scene.materials.get(primitive.material as usize).is_some_and(|material| material.double_sided);
-            let sides = u8::from(is_odd(canonical_order(corners))) | u8::from(double_sided) << 1;
-            members.push((self.digests[id as usize], sides));
+            members.push((self.digests[id as usize], side(self.scene, self.world, id)));
         }
         members.sort_unstable();
         let (mut digest, mut sides) = (Hasher::new("prelight piece"), Hasher::new("prelight sides"));

@@ -46,6 +46,12 @@ fn object_matches(glob: &GlobMatcher, pattern: &str, name: &str) -> bool {
     glob.is_match(name) || (!pattern.contains('/') && glob.is_match(last))
 }
 
+/// Which objects a pattern matches, as `[[object]]` rules match; `field` names it in errors.
+pub fn matching_objects(field: &str, pattern: &str, objects: &[Object]) -> Result<Vec<bool>, BakeError> {
+    let glob = matcher(field, pattern, true)?;
+    Ok(objects.iter().map(|object| object_matches(&glob, pattern, &object.name)).collect())
+}
+
 /// Applies all `[[material]]` rules to the scene's materials; adds warnings for rules that match nothing.
 pub fn apply_materials(manifest: &SceneManifest, scene: &mut Scene) -> Result<(), BakeError> {
     for (i, rule) in manifest.material.iter().enumerate() {

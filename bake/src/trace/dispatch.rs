@@ -3,9 +3,10 @@
 use std::sync::OnceLock;
 
 /// A set of instructions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SimdPath {
     /// Portable code.
+    #[default]
     Scalar,
     /// x86-64 with AVX2.
     Avx2,

@@ -67,7 +67,7 @@ impl Default for OccluderOptions {
 }
 
 /// Everything in a scene that blocks light, as one tree or as one a layer. Shared by all threads.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Occluders {
     /// In the order in which coverage asks them.
     trees: Vec<Tree>,

@@ -1,0 +1,234 @@
+//! An experiment: seeded edits of single objects of a real scene, each baked into the store of the unedited one.
+//!
+//! ```text
+//! cargo run --release -p prelight-bake --example rebake -- SCENE [--points N] [--edits 20] [--moves 20] [--clean-every 1] [--seed 1]
+//! ```
+//!
+//! Prints per edit the share of other objects' live tiles that was redone, the share whose bits truly changed, and the time against a
+//! clean bake; then the sums and percentiles of sideways moves, which have marks. Fails if a rebaked digest is not the clean bake's.
+//! Time is wall time of planning, looking up, tracing and sealing; reading the file and copying the store are left out.
+
+#[allow(dead_code, reason = "the tests use all of it")]
+#[path = "../tests/support/edits.rs"]
+mod edits;
+
+use edits::{Edit, Random, apply, size};
+use prelight_bake::bake::{BakeOptions, Baked, bake_world};
+use prelight_bake::engine::patch::{PatchInputs, Shadowing, stale_tiles};
+use prelight_bake::engine::threads::candidates;
+use prelight_bake::plan::layer::{MAX_LAYERS, layers};
+use prelight_bake::plan::pieces::Pieces;
+use prelight_bake::plan::plan_object;
+use prelight_bake::plan::tile::TileTable;
+use prelight_bake::progress::Silent;
+use prelight_bake::scene::Scene;
+use prelight_bake::scene::input::SceneInput;
+use prelight_bake::scene::world::World;
+use prelight_bake::settings::Settings;
+use prelight_bake::trace::Occluders;
+use prelight_store::Store;
+use std::path::Path;
+use std::time::Instant;
+
+const MEMORY: u64 = 8 << 30;
+
+/// Edits of the first run, in turn.
+const KINDS: [Edit; 7] = [Edit::Move, Edit::Turn, Edit::Scale, Edit::Delete, Edit::Duplicate, Edit::Material, Edit::Opacity];
+
+struct Arguments {
+    scene: String,
+    points: Option<u64>,
+    edits: usize,
+    moves: usize,
+    clean_every: usize,
+    seed: u64,
+}
+
+fn arguments() -> Arguments {
+    let mut arguments = Arguments { scene: String::new(), points: None, edits: 20, moves: 20, clean_every: 1, seed: 1 };
+    let mut rest = std::env::args().skip(1);
+    while let Some(argument) = rest.next() {
+        let mut number = || rest.next().and_then(|n| n.parse::<u64>().ok()).unwrap_or_else(|| panic!("{argument} takes a number"));
+        match argument.as_str() {
+            "--points" => arguments.points = Some(number()),
+            "--edits" => arguments.edits = number() as usize,
+            "--moves" => arguments.moves = number() as usize,
+            "--clean-every" => arguments.clean_every = number().max(1) as usize,
+            "--seed" => arguments.seed = number(),
+            _ => arguments.scene = argument,
+        }
+    }
+    assert!(!arguments.scene.is_empty(), "name a scene");
+    arguments
+}
+
+/// Bakes and says how long it took.
+fn timed(scene: &Scene, options: &BakeOptions, store: &Store) -> (Baked, f64) {
+    let start = Instant::now();
+    let world = World::build(scene);
+    let baked = bake_world(scene, &world, options, store, &Silent).expect("the scene bakes");
+    (baked, start.elapsed().as_secs_f64())
+}
+
+fn copy_folder(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).expect("a folder can be made");
+    for entry in std::fs::read_dir(from).expect("a folder can be listed").map(|entry| entry.expect("an entry")) {
+        let target = to.join(entry.file_name());
+        match entry.path().is_dir() {
+            true => copy_folder(&entry.path(), &target),
+            false => drop(std::fs::copy(entry.path(), target).expect("a file can be copied")),
+        }
+    }
+}
+
+struct Row {
+    what: String,
+    tiles: prelight_bake::bake::TileStats,
+    seconds: f64,
+    clean: f64,
+}
+
+impl Row {
+    fn redone(&self) -> f64 {
+        100.0 * self.tiles.redone as f64 / self.tiles.known.max(1) as f64
+    }
+
+    fn changed(&self) -> f64 {
+        100.0 * self.tiles.changed as f64 / self.tiles.known.max(1) as f64
+    }
+
+    fn time(&self) -> f64 {
+        100.0 * self.seconds / self.clean
+    }
+}
+
+struct Experiment<'a> {
+    base: &'a Scene,
+    options: &'a BakeOptions,
+    store: &'a Path,
+    work: &'a Path,
+    clean_seconds: f64,
+}
+
+impl Experiment<'_> {
+    fn edit(&self, edit: Edit, random: &mut Random, check: bool) -> Row {
+        let diagonal = {
+            let sizes: Vec<f64> = self.base.objects.iter().map(size).collect();
+            sizes.iter().copied().fold(0.0, f64::max)
+        };
+        // Something that a person would pick up: 3 cm to a third of the largest thing.
+        let movable = |object: &usize| (0.03..0.35 * diagonal).contains(&size(&self.base.objects[*object]));
+        let objects: Vec<usize> = (0..self.base.objects.len()).filter(movable).collect();
+        let mut scene = self.base.clone();
+        let what = apply(&mut scene, objects[random.below(objects.len())], edit, random);
+        let mut options = self.options.clone();
+        options.points.resize(scene.objects.len(), self.options.points[0]);
+        let folder = self.work.join("edited");
+        let _ = std::fs::remove_dir_all(&folder);
+        copy_folder(self.store, &folder);
+        let (rebaked, seconds) = timed(&scene, &options, &Store::open(&folder).expect("the copied store opens"));
+        let mut clean = self.clean_seconds;
+        if check {
+            let folder = self.work.join("clean");
+            let _ = std::fs::remove_dir_all(&folder);
+            let (expected, seconds) = timed(&scene, &options, &Store::open_or_create(&folder).expect("a new store"));
+            assert_eq!(rebaked.asset_digest, expected.asset_digest, "{what}: a rebake is not the clean bake");
+            clean = seconds;
+        }
+        let row = Row { what, tiles: rebaked.stats.tiles, seconds, clean };
+        let checked = if check { "digest equal" } else { "" };
+        println!(
+            "{:>7.2} % redone {:>7.2} % changed {:>6.1} % new {:>6.1} % of clean time ({:.2} s)  {}  {checked}",
+            row.redone(),
+            row.changed(),
+            100.0 * row.tiles.new as f64 / row.tiles.live as f64,
+            row.time(),
+            row.seconds,
+            row.what
+        );
+        row
+    }
+}
+
+fn percentile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted[((sorted.len() - 1) as f64 * share).round() as usize]
+}
+
+/// Seconds of one thread for all keys of base points.
+fn time_keys(scene: &Scene, options: &BakeOptions, store: &Store) -> (f64, u64) {
+    let world = World::build(scene);
+    let pieces = Pieces::build(scene, &world, &layers(scene, &world, &[]), MAX_LAYERS);
+    let nothing = Occluders::default();
+    let of = Shadowing { pieces: &pieces, occluders: &nothing, face_resolution: options.face_resolution };
+    println!("{} pieces of {} triangles", pieces.pieces.len(), world.positions.len());
+    let (mut seconds, mut points) = (0.0, 0);
+    for object in 0..scene.objects.len() {
+        let plan = plan_object(scene, &world, object, &options.points[object]).expect("the scene can be planned");
+        for patch in &plan.patches {
+            let start = Instant::now();
+            let inputs = PatchInputs::new(&of, &plan, patch);
+            seconds += start.elapsed().as_secs_f64();
+            let tables: Vec<TileTable> = candidates(store, &inputs).expect("the store can be read").into_iter().map(|c| c.table).collect();
+            let start = Instant::now();
+            let (_, stale) = stale_tiles(&of, &inputs, &tables);
+            seconds += start.elapsed().as_secs_f64();
+            assert_eq!(stale, 0, "nothing was edited");
+            points += u64::from(patch.n_points);
+        }
+    }
+    (seconds, points)
+}
+
+fn main() {
+    let arguments = arguments();
+    let input = SceneInput::open(Path::new(&arguments.scene)).expect("the scene opens");
+    let loaded = input.load(MEMORY).expect("the scene loads");
+    let world = World::build(&loaded.scene);
+    let settings =
+        Settings::resolve(&input.manifest, &loaded.knobs, &loaded.scene, &world, arguments.points, MEMORY).expect("the knobs are right");
+    let (scene, options) = (&loaded.scene, &settings.options);
+    let work = tempfile::tempdir().expect("a temporary folder");
+    let folder = work.path().join("base");
+    let store = Store::open_or_create(&folder).expect("a new store");
+    let (baked, clean_seconds) = timed(scene, options, &store);
+    let (points, patches) = (baked.stats.points, baked.stats.patches);
+    println!("{}: {points} points, {patches} patches, clean bake {clean_seconds:.2} s, stages {:?}", arguments.scene, baked.stats.seconds);
+    let (again, seconds) = timed(scene, options, &store);
+    assert_eq!((again.asset_digest, again.stats.tiles.traced), (baked.asset_digest, 0));
+    println!("nothing edited: {seconds:.2} s, {:.1} % of clean, stages {:?}", 100.0 * seconds / clean_seconds, again.stats.seconds);
+    let (seconds, keyed) = time_keys(scene, options, &store);
+    println!("keys: {seconds:.2} s of one thread for {keyed} points, {:.2} s a million", 1e6 * seconds / keyed as f64);
+    drop(store);
+
+    let experiment = Experiment { base: scene, options, store: &folder, work: work.path(), clean_seconds };
+    let mut random = Random(arguments.seed);
+    let mut worst: Option<Row> = None;
+    for i in 0..arguments.edits {
+        let row = experiment.edit(KINDS[i % KINDS.len()], &mut random, i % arguments.clean_every == 0);
+        if worst.as_ref().is_none_or(|worst| row.time() > worst.time()) {
+            worst = Some(row);
+        }
+    }
+    if let Some(worst) = worst {
+        println!("worst of {} edits: {}, {:.1} % of a clean bake", arguments.edits, worst.what, worst.time());
+    }
+    if arguments.moves == 0 {
+        return;
+    }
+    let moves: Vec<Row> =
+        (0..arguments.moves).map(|i| experiment.edit(Edit::Move, &mut random, i % arguments.clean_every == 0 && i != 0)).collect();
+    let sum = |of: fn(&Row) -> u64| moves.iter().map(of).sum::<u64>();
+    let (redone, changed) = (sum(|row| row.tiles.redone), sum(|row| row.tiles.changed));
+    println!(
+        "{} moves, others' tiles: redone {redone}, truly changed {changed}: {:.2}x",
+        moves.len(),
+        redone as f64 / changed.max(1) as f64
+    );
+    let both = |of: fn(&Row) -> f64| (percentile(moves.iter().map(of), 0.5), percentile(moves.iter().map(of), 0.9));
+    let (redone, changed, time) = (both(Row::redone), both(Row::changed), both(Row::time));
+    println!("redone % of live tiles: median {:.2}, 90th percentile {:.2} (marks 3 and 8)", redone.0, redone.1);
+    println!("truly changed %: median {:.2}, 90th percentile {:.2}", changed.0, changed.1);
+    println!("time % of a clean bake: median {:.1}, 90th percentile {:.1} (marks 5 and 12 indoors, 10 and 20 outdoors)", time.0, time.1);
+}

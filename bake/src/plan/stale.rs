@@ -1,0 +1,74 @@
+//! What a bake would trace, without tracing: the patches of every object as far as planning alone knows them, looked up in a store.
+//!
+//! Exact for the first layer that misses a tile; what later layers would find is not needed to say that the tile is stale. Patches that
+//! refinement at leaks would add are not counted: whether they change is known only once their neighbours are traced.
+
+use super::changes::StalePatch;
+use super::layer::{MAX_LAYERS, layers};
+use super::pieces::Pieces;
+use super::plan_object;
+use super::tile::{N_TILES, TileTable};
+use crate::bake::BakeOptions;
+use crate::engine::patch::{PatchInputs, Shadowing, stale_tiles};
+use crate::engine::threads::candidates;
+use crate::error::BakeError;
+use crate::progress::{Progress, check};
+use crate::scene::Scene;
+use crate::scene::world::World;
+use crate::trace::Occluders;
+use prelight_store::Store;
+use rayon::prelude::*;
+
+/// What is stale.
+#[derive(Clone, Debug, Default)]
+pub struct Stale {
+    /// Patches looked at.
+    pub patches: u64,
+    /// Their live tiles.
+    pub live: u64,
+    /// Of those, the ones to trace.
+    pub tiles: u64,
+    /// Points times the share of their live tiles to trace: what time goes with.
+    pub points: f64,
+    /// Patches with a tile to trace.
+    pub stale: Vec<StalePatch>,
+}
+
+/// Looks all patches up. Objects that the options leave out are not looked at.
+pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &Store, progress: &dyn Progress) -> Result<Stale, BakeError> {
+    let pieces = Pieces::build(scene, world, &layers(scene, world, &options.rebake.layers), MAX_LAYERS);
+    let nothing = Occluders::default();
+    let of = Shadowing { pieces: &pieces, occluders: &nothing, face_resolution: options.face_resolution };
+    let of_object = |object: usize| -> Result<Stale, BakeError> {
+        check(progress)?;
+        let plan = plan_object(scene, world, object, &options.points[object])?;
+        let mut found = Stale::default();
+        for patch in &plan.patches {
+            let inputs = PatchInputs::new(&of, &plan, patch);
+            let tables: Vec<TileTable> = candidates(store, &inputs)?.into_iter().map(|candidate| candidate.table).collect();
+            let (live, missed) = stale_tiles(&of, &inputs, &tables);
+            let is_new = tables.is_empty();
+            let tiles = if is_new { live } else { missed };
+            found.patches += 1;
+            found.live += u64::from(live.count_ones());
+            found.tiles += u64::from(tiles.count_ones());
+            found.points += f64::from(patch.n_points) * f64::from(tiles.count_ones()) / f64::from(live.count_ones().max(1));
+            if tiles != 0 || is_new {
+                found.stale.push(StalePatch { object: object as u32, origins: inputs.origins.patch, tiles, is_new });
+            }
+        }
+        Ok(found)
+    };
+    let wanted = (0..scene.objects.len()).into_par_iter().filter(|object| options.rebake.wants(*object));
+    let objects: Vec<Stale> = wanted.map(of_object).collect::<Result<_, _>>()?;
+    let mut all = Stale::default();
+    for object in objects {
+        all.patches += object.patches;
+        all.live += object.live;
+        all.tiles += object.tiles;
+        all.points += object.points;
+        all.stale.extend(object.stale);
+    }
+    debug_assert!(all.tiles <= all.patches * N_TILES as u64);
+    Ok(all)
+}
