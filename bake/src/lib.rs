@@ -5,6 +5,7 @@ pub mod block_product;
 pub mod demo;
 pub mod engine;
 pub mod error;
+pub mod fit;
 pub mod plan;
 pub mod progress;
 pub mod reference;
@@ -13,6 +14,7 @@ pub mod scene;
 pub mod seal;
 pub mod settings;
 pub mod trace;
+pub mod vmf_transfer;
 
 pub use error::BakeError;
 pub use progress::Progress;

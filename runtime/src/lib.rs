@@ -14,3 +14,4 @@ pub mod error;
 pub mod relight;
 pub mod sphere;
 pub mod surface;
+pub mod vmf_transfer;

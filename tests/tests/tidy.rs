@@ -33,7 +33,7 @@ fn all_sources() -> Vec<(String, String)> {
 #[test]
 fn every_baked_factor_has_a_reader_of_the_same_name() {
     let mut pairs = 0;
-    for technique in ["block_product"] {
+    for technique in ["block_product", "vmf_transfer"] {
         let mut files = Vec::new();
         rust_files(&root().join("bake/src").join(technique), &mut files);
         for file in files {

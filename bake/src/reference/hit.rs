@@ -15,7 +15,7 @@ use std::f32::consts::PI;
 
 /// The geometry and how it is looked at.
 #[derive(Clone, Copy)]
-pub(super) struct Surfaces<'a> {
+pub(crate) struct Surfaces<'a> {
     pub scene: &'a Scene,
     pub world: &'a World,
     pub clay: bool,
@@ -25,7 +25,7 @@ pub(super) struct Surfaces<'a> {
 
 /// How light leaves a surface.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Reflection {
+pub(crate) enum Reflection {
     Gltf(GltfSurface),
     /// Lambert.
     Clay,
@@ -35,7 +35,7 @@ pub(super) enum Reflection {
 
 /// A surface at a hit, on the side that the ray came from.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Shading {
+pub(crate) struct Shading {
     pub triangle: u32,
     pub origin: [f32; 3],
     /// n_s: the horizon.
@@ -50,7 +50,7 @@ pub(super) struct Shading {
 
 /// A hit before anything is shaded.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Met<'a> {
+pub(crate) struct Met<'a> {
     pub hit: Hit,
     pub mode: AlphaMode,
     /// Back of a single-sided surface: not seen by the camera, black to everything else.
@@ -59,7 +59,7 @@ pub(super) struct Met<'a> {
     material: &'a prelight_runtime::surface::Material,
 }
 
-pub(super) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 

@@ -14,9 +14,9 @@
 //! Lossy: f32 rays; Monte Carlo noise, which the two half-sample images measure. Emissive surfaces light nothing. The bake's surface
 //! averages (roughness over a footprint) are not applied: the reference reads the material at the hit.
 
-mod hit;
+pub(crate) mod hit;
 mod path;
-mod sequence;
+pub(crate) mod sequence;
 #[cfg(test)]
 mod tests;
 

@@ -11,7 +11,7 @@
 
 /// Numbers of one sample of one pixel.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sequence {
+pub(crate) struct Sequence {
     key: u64,
     index: u32,
 }
@@ -70,7 +70,7 @@ impl Sequence {
 }
 
 /// A number in 0..1 rounded down to f32, so that it stays below 1.
-pub(super) fn narrow(u: f64) -> f32 {
+pub(crate) fn narrow(u: f64) -> f32 {
     ((u * 16777216.0) as u32) as f32 / 16777216.0
 }
 

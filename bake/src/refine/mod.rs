@@ -5,8 +5,11 @@
 //! hard edge, a material border) is split if either asks for it. How a triangle with split edges is cut depends on itself alone
 //! (`cells`); long slivers are cut along their length only. The surface itself does not change.
 //!
+//! [`angular`] refines the directions of view of a point instead.
+//!
 //! [`split`] refines an object, [`differing`] goes on round by round where light leaks (`round`), [`count`] counts without building.
 
+pub mod angular;
 mod cells;
 pub mod count;
 pub mod differing;

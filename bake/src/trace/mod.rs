@@ -11,13 +11,15 @@
 //! | `tree` | 8-wide hierarchy, collapsed from obvhs' binary one |
 //! | `coverage`, `simd` | all texels of an origin at once: scalar, and its AVX2 twin |
 //! | `ray` | single rays: any hit, closest hit |
-//! | `occluders` | the public face of all of it |
+//! | `path` | paths from a point over other surfaces to the environment |
+//! | `occluders` | the public face of the rest |
 
 mod coverage;
 mod dispatch;
 pub mod horizon;
 mod mask;
 mod occluders;
+pub mod path;
 pub mod predicate;
 mod ray;
 #[cfg(test)]

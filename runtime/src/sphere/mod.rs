@@ -2,3 +2,5 @@
 
 pub mod cubemap;
 pub mod frame;
+pub mod icosahedron;
+pub mod vmf;

@@ -1,0 +1,11 @@
+//! Fits: from paths or numeric slices to few parameters.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`vmf`] | one lobe from weighted directions, in closed form |
+//! | [`mixture`] | several lobes from weighted directions, by soft expectation maximisation |
+//! | [`slice`] | lobes of a BRDF's slice in the least-squares sense |
+
+pub mod mixture;
+pub mod slice;
+pub mod vmf;

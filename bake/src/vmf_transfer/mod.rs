@@ -1,0 +1,3 @@
+//! Writes what `prelight_runtime::vmf_transfer` reads.
+
+pub mod transfer;

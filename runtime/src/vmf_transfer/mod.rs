@@ -1,0 +1,19 @@
+//! Transfer in von Mises–Fisher lobes: light that reached a point over other surfaces. \[LD09\].
+//!
+//! | file | what |
+//! |---|---|
+//! | [`lobe`] | a weighted lobe, distances between lobes |
+//! | [`interpolate`] | a lobe between three others |
+//! | [`transfer`] | the chunk |
+//! | [`light`] | the environment, filtered per κ |
+//! | [`shade`] | light at points |
+
+pub mod interpolate;
+pub mod light;
+pub mod lobe;
+pub mod shade;
+pub mod transfer;
+
+pub use light::FilteredLight;
+pub use lobe::Lobe;
+pub use transfer::Transfer;
