@@ -243,7 +243,9 @@ mod tests {
     #[test]
     fn stale_tiles_are_put_down_to_what_reaches_them() {
         let at = |x: f32| Bounds { lower: [x, 0.0, 0.0], upper: [x + 0.1, 0.1, 0.1] };
-        let cause = |name: &str, object, x| ChangedObject { name: name.into(), object, change: Change::Moved, bounds: vec![at(x)] };
+        // Wide enough to cover texels from there.
+        let wide = |x: f32| Bounds { lower: [x, -1.0, -1.0], upper: [x + 1.0, 1.0, 1.0] };
+        let cause = |name: &str, object, x| ChangedObject { name: name.into(), object, change: Change::Moved, bounds: vec![wide(x)] };
         // Seen from the origin one lies along +X, the other along −X.
         let changed = [cause("left", Some(1), -9.0), cause("right", None, 9.0)];
         let patch = |object, tiles, is_new| StalePatch { object, origins: at(0.0), tiles, is_new };
