@@ -54,8 +54,25 @@ pub fn load_bytes(path: &Path, bytes: &[u8], limits: &LoadLimits) -> Result<Scen
     load_slice(source, bytes, None, &mut budget)
 }
 
+/// The description of a file, as far as it can be read.
+pub(super) fn description(path: &Path, file: &[u8]) -> Option<Value> {
+    let json = match super::glb::is_glb(file) {
+        true => super::glb::parse(Source(path), file).ok().map(|chunks| &file[chunks.json])?,
+        false => file,
+    };
+    serde_json::from_slice(json).ok()
+}
+
+/// Relative files that buffers and images name, percent signs decoded. Nothing where the description cannot be read.
+pub(super) fn uris(path: &Path, file: &[u8]) -> Vec<String> {
+    let Some(root) = description(path, file) else { return Vec::new() };
+    let lists = ["buffers", "images"].iter().filter_map(|list| root.get(list)?.as_array());
+    let uris = lists.flatten().filter_map(|entry| entry.get("uri")?.as_str()).filter(|uri| !uri.starts_with("data:"));
+    uris.filter_map(|uri| Some(percent_encoding::percent_decode_str(uri).decode_utf8().ok()?.into_owned())).collect()
+}
+
 /// Loads what has been read from the file.
-fn load_slice(source: Source, file: &[u8], variant: Option<&str>, budget: &mut Budget) -> Result<Scene, SceneError> {
+pub(super) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, budget: &mut Budget) -> Result<Scene, SceneError> {
     let mut warnings = Warnings::default();
     let Document { root, extras, binary } = document::parse(source, file, variant, budget, &mut warnings)?;
     node::check(source, &root)?;

@@ -14,9 +14,9 @@ const MAX_MANIFEST_BYTES: u64 = 8 << 20;
 /// A scene manifest and where it lies.
 #[derive(Clone, Debug)]
 pub struct SceneInput {
-    /// What it says; for a bare glTF file, all defaults.
+    /// What it says; for a bare scene file, all defaults.
     pub manifest: SceneManifest,
-    /// The file that was read: a scene.toml or the glTF itself.
+    /// The file that was read: a scene.toml or the scene file itself.
     pub file: PathBuf,
     /// Folder that paths in the manifest are relative to; empty for the current one.
     pub folder: PathBuf,
@@ -32,18 +32,17 @@ pub struct LoadedScene {
 }
 
 impl SceneInput {
-    /// Opens a scene.toml, a folder that holds one, or a glTF file (which is only looked for, not read).
+    /// Opens a scene.toml, a folder that holds one, or a scene file (which is only looked for, not read).
     ///
     /// Errors: no such file, not readable, too long, not UTF-8, not a valid manifest, of another kind.
     pub fn open(path: &Path) -> Result<SceneInput, BakeError> {
         let file = if path.is_dir() { path.join("scene.toml") } else { path.to_path_buf() };
         let folder = file.parent().map(Path::to_path_buf).unwrap_or_default();
-        let extension = file.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
-        match extension.as_str() {
-            "glb" | "gltf" => {
+        match super::file::extension(&file).as_str() {
+            extension if super::file::EXTENSIONS.contains(&extension) => {
                 let metadata = std::fs::metadata(&file).map_err(|source| BakeError::input(&file, source))?;
                 if !metadata.is_file() {
-                    return Err(unsupported(&file, "is not a regular file", "name a .glb or .gltf file"));
+                    return Err(unsupported(&file, "is not a regular file", "name a file: .glb, .gltf, .obj or .ply"));
                 }
                 let name = file.file_name().and_then(|name| name.to_str());
                 let Some(name) = name else {
@@ -57,7 +56,7 @@ impl SceneInput {
                 Ok(SceneInput { manifest, file, folder })
             }
             _ if !file.exists() => Err(missing(&file)),
-            _ => Err(unsupported(&file, "is neither a scene.toml nor a glTF file", "name a .toml, .glb or .gltf file")),
+            _ => Err(unsupported(&file, "is neither a scene.toml nor a scene file", "name a .toml, .glb, .gltf, .obj or .ply file")),
         }
     }
 
@@ -69,6 +68,29 @@ impl SceneInput {
     /// The image of one of the manifest's environments.
     pub fn environment_path(&self, entry: &EnvironmentEntry) -> PathBuf {
         self.folder.join(&entry.image)
+    }
+
+    /// The scene files, each once, in their order.
+    pub fn scene_files(&self) -> Vec<PathBuf> {
+        let mut files: Vec<PathBuf> = Vec::new();
+        match &self.manifest.scene.part[..] {
+            [] => files.push(self.gltf_path()),
+            parts => files.extend(parts.iter().map(|part| self.folder.join(&part.gltf))),
+        }
+        let mut seen = std::collections::HashSet::new();
+        files.retain(|file| seen.insert(file.clone()));
+        files
+    }
+
+    /// The manifest, the scene files and every file that they name, as far as they can be read: what a bake depends on. Sorted.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let scenes = self.scene_files();
+        let mut files: Vec<PathBuf> = scenes.iter().flat_map(|file| super::file::references(file)).collect();
+        files.extend(scenes);
+        files.push(self.file.clone());
+        files.sort();
+        files.dedup();
+        files
     }
 
     /// Reads the files and applies the manifest's rules: what planning works on. Warnings of both are in [`Scene::warnings`].
@@ -98,7 +120,7 @@ fn unsupported(file: &Path, what: &str, help: &str) -> BakeError {
 }
 
 fn missing(file: &Path) -> BakeError {
-    unsupported(file, "does not exist", "name a scene.toml or a glTF file, or write a scene.toml with `prelight init room.glb`")
+    unsupported(file, "does not exist", "name a scene.toml or a scene file, or write a scene.toml with `prelight init room.glb`")
 }
 
 fn read_manifest(file: &Path) -> Result<String, BakeError> {
@@ -145,7 +167,7 @@ mod tests {
     #[test]
     fn other_files_are_refused_with_their_name() {
         let folder = tempfile::tempdir().unwrap();
-        for (name, bytes) in [("room.obj", b"v 0 0 0".to_vec()), ("scene.toml", vec![0xFF, 0xFE]), ("room", vec![])] {
+        for (name, bytes) in [("room.fbx", b"Kaydara".to_vec()), ("scene.toml", vec![0xFF, 0xFE]), ("room", vec![])] {
             let file = folder.path().join(name);
             std::fs::write(&file, bytes).unwrap();
             let error = SceneInput::open(&file).unwrap_err().to_string();

@@ -4,6 +4,8 @@
 //! geometry flattened: every instance's triangles in world space, f64 products rounded once.
 
 mod accessor;
+mod assemble;
+pub mod change;
 mod document;
 mod error;
 pub mod export;
@@ -24,14 +26,17 @@ mod material;
 mod material_tests;
 mod mesh;
 mod node;
+mod obj;
 pub mod overrides;
 mod parts;
+mod ply;
 mod resource;
 #[cfg(test)]
 mod shared_scenes;
 mod smooth;
 mod tangent;
 mod texture;
+pub mod unused;
 mod variant;
 mod warnings;
 pub mod world;

@@ -10,6 +10,7 @@
 //!
 //! Sines and cosines of whole quarter turns are exact; the rest comes from `libm`, so the bits are the same on every machine.
 
+use super::assemble::primitive_bytes;
 use super::file;
 use super::gltf::LoadLimits;
 use super::node::{Matrix, multiply};
@@ -141,15 +142,7 @@ impl Joined {
 fn file_bytes(scene: &Scene) -> u64 {
     let mut seen = HashSet::new();
     let meshes = scene.objects.iter().filter(|object| seen.insert(Arc::as_ptr(&object.mesh)));
-    let primitive = |p: &super::Primitive| {
-        let vertex = 12
-            + p.normals.as_ref().map_or(0, |_| 12)
-            + p.tangents.as_ref().map_or(0, |_| 16)
-            + p.colors.as_ref().map_or(0, |_| 16)
-            + p.uvs.iter().flatten().count() * 8;
-        (p.positions.len() * vertex + p.triangles.len() * 12) as u64
-    };
-    let meshes: u64 = meshes.flat_map(|object| &object.mesh.primitives).map(primitive).sum();
+    let meshes: u64 = meshes.flat_map(|object| &object.mesh.primitives).map(primitive_bytes).sum();
     let textures: u64 = scene.textures.iter().map(|texture| texture.texels.len() as u64).sum();
     meshes + textures + (scene.materials.len() * size_of::<Material>()) as u64
 }

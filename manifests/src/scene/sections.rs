@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneSource {
-    /// A glTF 2.0 file (.glb or .gltf), relative to this file.
+    /// A file, relative to this one: glTF 2.0 (.glb, .gltf), Wavefront (.obj) or .ply.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gltf: Option<String>,
     /// Which of the file's material variants (KHR_materials_variants) to use, by name; without it, none.
@@ -24,7 +24,7 @@ pub struct SceneSource {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScenePart {
-    /// A glTF 2.0 file (.glb or .gltf), relative to this file. Parts may share one: it is read and stored once.
+    /// A file, relative to this one: glTF 2.0 (.glb, .gltf), Wavefront (.obj) or .ply. Parts may share one: it is read and stored once.
     pub gltf: String,
     /// First step of its objects' and materials' names, without `/`; unique. Without it, the file's name without extension.
     #[serde(default, skip_serializing_if = "Option::is_none")]
