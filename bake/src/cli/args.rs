@@ -4,11 +4,12 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use prelight_manifests::Quality;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// The scene to work on.
 #[derive(Args, Clone, Debug)]
 pub struct SceneArgs {
-    /// A scene.toml, or a glTF file (.glb, .gltf)
+    /// A scene.toml, or a scene file: .glb, .gltf, .obj, .ply
     #[arg(value_name = "SCENE", default_value = "scene.toml")]
     pub scene: PathBuf,
 }
@@ -77,6 +78,34 @@ pub fn positive(text: &str) -> Result<f32, String> {
     finite(text).and_then(|number| if number > 0.0 { Ok(number) } else { Err("expected a number above 0".into()) })
 }
 
+/// `8h`, `1h30min`, `90s`: numbers with units, the larger before the smaller.
+pub fn duration(text: &str) -> Result<Duration, String> {
+    let expected = || "expected a time with units, as in 8h, 1h30min or 90s".to_string();
+    let (mut rest, mut seconds, mut last) = (text.trim(), 0u64, u64::MAX);
+    if rest.is_empty() {
+        return Err(expected());
+    }
+    while !rest.is_empty() {
+        let digits = rest.find(|letter: char| !letter.is_ascii_digit()).ok_or_else(expected)?;
+        let number: u64 = rest[..digits].parse().map_err(|_| expected())?;
+        let unit = rest[digits..].find(|letter: char| letter.is_ascii_digit()).map_or(rest.len(), |end| digits + end);
+        let factor = match rest[digits..unit].trim() {
+            "d" => 86_400,
+            "h" => 3600,
+            "min" | "m" => 60,
+            "s" => 1,
+            _ => return Err(expected()),
+        };
+        if factor >= last {
+            return Err(expected());
+        }
+        seconds = number.checked_mul(factor).and_then(|more| seconds.checked_add(more)).ok_or_else(expected)?;
+        (rest, last) = (&rest[unit..], factor);
+    }
+    // A year is more than any bake, and no clock overflows.
+    if (1..=365 * 86_400).contains(&seconds) { Ok(Duration::from_secs(seconds)) } else { Err("expected 1s to 365d".to_string()) }
+}
+
 fn field_of_view(text: &str) -> Result<f32, String> {
     finite(text).and_then(|deg| if (1.0..=179.0).contains(&deg) { Ok(deg) } else { Err("expected 1..=179 degrees".into()) })
 }
@@ -94,6 +123,12 @@ mod tests {
         }
         for bad in ["", "1280", "0x720", "1280x", "-1x5", "99999x10", "1x2x3"] {
             assert!(size(bad).is_err(), "{bad}");
+        }
+        for (text, seconds) in [("90s", 90), ("8h", 28_800), ("1h30min", 5400), ("2m 5s", 125), ("1d", 86_400)] {
+            assert_eq!(duration(text), Ok(Duration::from_secs(seconds)), "{text}");
+        }
+        for bad in ["", "8", "h", "0s", "-1h", "1.5h", "30min1h", "1h1h", "99999999999999999999h", "400d", "1 hour"] {
+            assert!(duration(bad).is_err(), "{bad}");
         }
         for bad in ["0", "-1", "inf", "NaN", "five"] {
             assert!(positive(bad).is_err(), "{bad}");

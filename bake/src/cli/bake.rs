@@ -1,6 +1,6 @@
 //! `prelight bake`: plan, run, seal, check. Resumes by itself.
 
-use super::args::{BakeKnobs, SceneArgs};
+use super::args::{BakeKnobs, SceneArgs, duration};
 use super::context::peak_memory;
 use super::loaded::Loaded;
 use super::output::write_atomically;
@@ -14,7 +14,7 @@ use prelight_store::Store;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Tiles of a patch.
 const TILES_PER_PATCH: u64 = prelight_bake::plan::tile::N_TILES as u64;
@@ -22,15 +22,22 @@ const TILES_PER_PATCH: u64 = prelight_bake::plan::tile::N_TILES as u64;
 /// Bake what is missing; a bake that was stopped resumes
 #[derive(Args, Debug)]
 pub struct BakeArgs {
-    #[command(flatten)]
-    pub scene: SceneArgs,
-    /// Asset to write, default `<stem of SCENE>.prelight.json` in the current folder
+    /// A scene.toml, or a scene file: .glb, .gltf, .obj, .ply; several are baked one after the other into one store
+    #[arg(value_name = "SCENE", default_value = "scene.toml")]
+    pub scenes: Vec<PathBuf>,
+    /// Asset to write, default `<stem of SCENE>.prelight.json` in the current folder; of several scenes, the folder for theirs
     #[arg(short, long, value_name = "ASSET")]
     pub output: Option<PathBuf>,
     #[command(flatten)]
     pub knobs: BakeKnobs,
     #[command(flatten)]
     pub rebake: RebakeArgs,
+    /// Go on past a scene that fails; then end with 5
+    #[arg(long)]
+    pub keep_going: bool,
+    /// Stop after this time, as 8h or 1h30min, and end with 5; run again to go on
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub deadline: Option<Duration>,
 }
 
 /// What is baked, and how much what the store has is trusted.
@@ -66,22 +73,54 @@ impl RebakeArgs {
 
 /// Runs the verb.
 pub fn run(args: BakeArgs, context: &Context) -> Result<Summary, Failure> {
-    if context.dry_run {
-        let (scene, output, knobs, only) = (args.scene, args.output, args.knobs, args.rebake.only);
-        return super::plan::run(super::plan::PlanArgs { scene, output, knobs, only, since: None }, context);
+    if let Some(time) = args.deadline {
+        context.reporter.set_deadline(Instant::now() + time);
     }
+    match &args.scenes[..] {
+        [scene] if context.dry_run => {
+            let (scene, only) = (SceneArgs { scene: scene.clone() }, args.rebake.only);
+            super::plan::run(super::plan::PlanArgs { scene, output: args.output, knobs: args.knobs, only, since: None }, context)
+        }
+        [scene] => bake_file(scene, args.output, &args.knobs, &args.rebake, context).map_err(|failure| late(failure, context)),
+        _ => super::batch::run(&args, context),
+    }
+}
+
+/// A bake that the deadline stopped, and not the user, is baked in part.
+pub fn late(failure: Failure, context: &Context) -> Failure {
+    if failure.code == ExitCode::Interrupted && context.reporter.is_late() && !super::interrupt::requested() {
+        let text = "the deadline has come\n  help: run the same command again: what is baked stays, the rest resumes";
+        return Failure::text(ExitCode::Partly, text);
+    }
+    failure
+}
+
+/// Reads and bakes one scene.
+pub fn bake_file(
+    scene: &Path,
+    output: Option<PathBuf>,
+    knobs: &BakeKnobs,
+    rebake: &RebakeArgs,
+    context: &Context,
+) -> Result<Summary, Failure> {
     let start = Instant::now();
-    let mut loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
-    args.rebake.apply(&mut loaded)?;
+    let mut loaded = Loaded::open(scene, knobs, context)?;
+    rebake.apply(&mut loaded)?;
+    bake_loaded(&loaded, output, start, context)
+}
+
+/// Bakes a scene that was read since `start`.
+pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, start: Instant, context: &Context) -> Result<Summary, Failure> {
     let read_seconds = start.elapsed().as_secs_f64();
-    let asset = args.output.unwrap_or_else(|| default_asset(&loaded, args.rebake.only.is_some()));
+    let in_part = loaded.settings.options.rebake.only.is_some();
+    let asset = output.unwrap_or_else(|| default_asset(loaded, in_part));
     let folder = context.store.clone().unwrap_or_else(|| default_store(&asset));
     let store = Store::open_or_create(&folder)?;
     let baked = bake_world(&loaded.scene, &loaded.world, &loaded.settings.options, &store, context.progress())?;
-    let mut summary = summary(&baked, &loaded, &asset, &folder, read_seconds, start);
+    let mut summary = summary(&baked, loaded, &asset, &folder, read_seconds, start);
     if baked.stats.tiles.traced > 0 && asset.exists() {
         // The asset that is about to be replaced says what changed; one that cannot be read says nothing.
-        match reasons::since(&asset, &store, &loaded, &baked.stats.stale, context) {
+        match reasons::since(&asset, &store, loaded, &baked.stats.stale, context) {
             Ok(found) => {
                 reasons::lines(&found).iter().for_each(|line| context.progress().message(line));
                 summary.set("stale", reasons::to_json(&found));
@@ -89,7 +128,7 @@ pub fn run(args: BakeArgs, context: &Context) -> Result<Summary, Failure> {
             Err(error) => context.progress().warning(&format!("what changed cannot be said: {error}")),
         }
     }
-    let report = report(&summary, &loaded, &asset, &folder);
+    let report = report(&summary, loaded, &asset, &folder);
     let manifest = seal(&baked, report, &store)?;
     write_atomically(&asset, |out| out.write_all(manifest.to_text().as_bytes()))?;
     Ok(summary)

@@ -1,22 +1,29 @@
-//! `prelight check`: reads every input and says what will not work.
+//! `prelight check`: reads every input, says what will not work or will look wrong, and what a bake will take.
 
-use super::args::SceneArgs;
+use super::args::{BakeKnobs, SceneArgs};
+use super::loaded::Loaded;
 use super::read::read_environment;
-use super::reporter::count;
+use super::reporter::{clock, count, group};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
+use prelight_bake::check::{Finding, findings};
+use prelight_bake::plan::estimate::estimate;
 use prelight_bake::progress::{self, Progress, Stage};
-use prelight_bake::scene::input::SceneInput;
-use prelight_bake::scene::world::World;
+use prelight_manifests::ByteSize;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
 
-/// What `--deny` turns into a finding.
+/// Names shown of a finding; `--json` has all.
+const LISTED: usize = 5;
+
+/// What `--deny` turns into a failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Deny {
     /// Every warning.
     Warnings,
 }
 
-/// Read every input and report what will not work
+/// Read every input and report what will not work or will look wrong
 #[derive(Args, Debug)]
 pub struct CheckArgs {
     #[command(flatten)]
@@ -24,58 +31,95 @@ pub struct CheckArgs {
     /// Exit with 4 when there are any
     #[arg(long, value_name = "WHAT")]
     pub deny: Option<Deny>,
+    #[command(flatten)]
+    pub knobs: BakeKnobs,
 }
 
 /// Runs the verb.
 pub fn run(args: CheckArgs, context: &Context) -> Result<Summary, Failure> {
-    let input = SceneInput::open(&args.scene.scene)?;
+    let Loaded { input, mut scene, world, settings } = Loaded::open_quietly(&args.scene.scene, &args.knobs, context)?;
     let memory = context.memory_limit(input.manifest.limits.memory);
-    let stage = Stage::begin(context.progress(), "read", Some(1 + input.manifest.environment.len() as u64), "files");
-    let scene = input.load(memory.0)?.scene;
-    stage.advance(1);
-    let mut warnings = scene.warnings.clone();
-    for entry in &input.manifest.environment {
-        progress::check(context.progress())?;
-        warnings.extend(read_environment(&input.environment_path(entry), memory)?.1);
-        stage.advance(1);
+    let environments = &input.manifest.environment;
+    if !environments.is_empty() {
+        let stage = Stage::begin(context.progress(), "lights", Some(environments.len() as u64), "files");
+        for entry in environments {
+            progress::check(context.progress())?;
+            scene.warnings.extend(read_environment(&input.environment_path(entry), memory)?.1);
+            stage.advance(1);
+        }
     }
-    drop(stage);
-    for warning in &warnings {
-        context.reporter.warning(warning);
-    }
+    let found = findings(&input, &scene, &world, &settings.options.points, context.progress())?;
+    let estimate = estimate(&scene, &world, &settings.options, context.jobs, context.progress())?;
+    context.reporter.end_stage();
+    tell(&found, context);
 
-    let size = World::size(&scene);
-    let bounds = bounds(&scene);
+    let bounds = bounds(&world.positions);
     let mut summary = Summary::new();
     summary.set("scene", input.file.display().to_string());
-    summary.set("objects", scene.objects.len()).set("triangles", size.triangles);
+    summary.set("objects", scene.objects.len()).set("triangles", world.positions.len());
     summary.set("materials", scene.materials.len()).set("textures", scene.textures.len());
     summary.set("cameras", scene.cameras.iter().map(|camera| camera.name.clone()).collect::<Vec<_>>());
-    summary.set("environments", input.manifest.environment.len());
-    summary.set("bytes.resident", size.bytes);
+    summary.set("environments", environments.len());
     summary.set("bounds.min", bounds[0].to_vec()).set("bounds.max", bounds[1].to_vec());
-    summary.set("warnings", warnings.clone());
+    summary.set("edge_length", super::bake::round(settings.edge_length)).set("points", estimate.total_points());
+    summary.set("bytes.resident", estimate.bytes_resident).set("bytes.stored", estimate.bytes_stored);
+    summary.set("bytes.memory", estimate.bytes_memory).set("seconds.estimate", estimate.seconds);
+    let rows = found.iter().map(|f| json!({ "kind": f.kind, "text": f.text, "names": f.names, "help": f.help }));
+    summary.set("findings", rows.collect::<Vec<Value>>());
+    let mut kinds: BTreeMap<&str, u64> = BTreeMap::new();
+    found.iter().for_each(|finding| *kinds.entry(finding.kind).or_default() += 1);
+    kinds.iter().for_each(|(kind, n)| {
+        summary.set(&format!("kinds.{kind}"), *n);
+    });
+    summary.set("warnings", found.iter().map(|finding| finding.text.clone()).collect::<Vec<_>>());
+
     let sides = [0, 1, 2].map(|k| format!("{:.3}", bounds[1][k] - bounds[0][k])).join(" x ");
     let counts = [
         (scene.objects.len() as u64, "object"),
-        (size.triangles, "triangle"),
+        (world.positions.len() as u64, "triangle"),
         (scene.materials.len() as u64, "material"),
         (scene.textures.len() as u64, "texture"),
         (scene.cameras.len() as u64, "camera"),
-        (input.manifest.environment.len() as u64, "environment"),
+        (environments.len() as u64, "environment"),
     ];
     let counts = counts.map(|(number, thing)| count(number, thing)).join(", ");
-    summary.set_text(format!("{}: {counts}; {sides} m; {}\n", input.file.display(), count(warnings.len() as u64, "warning")));
-    if args.deny == Some(Deny::Warnings) && !warnings.is_empty() {
+    let file = input.file.display();
+    summary.set_text(format!(
+        "{file}: {counts}; {sides} m; {}\na bake: about {} points {} m apart, {} on disk, up to {} of memory, {} on {}\n",
+        count(found.len() as u64, "warning"),
+        group(estimate.total_points()),
+        settings.edge_length,
+        ByteSize(estimate.bytes_stored),
+        ByteSize(estimate.bytes_memory),
+        clock(estimate.seconds.max(1.0)),
+        count(context.jobs as u64, "thread"),
+    ));
+    if args.deny == Some(Deny::Warnings) && !found.is_empty() {
         summary.exit_code = ExitCode::Found;
     }
     Ok(summary)
 }
 
+/// Every finding as a warning: what, whom it concerns, what to do.
+fn tell(found: &[Finding], context: &Context) {
+    for finding in found {
+        let mut text = finding.text.clone();
+        if !finding.names.is_empty() {
+            text += &format!(": {}", finding.names.iter().take(LISTED).cloned().collect::<Vec<_>>().join(", "));
+            if finding.names.len() > LISTED {
+                text += &format!(" and {} more", finding.names.len() - LISTED);
+            }
+        }
+        context.reporter.warning(&text);
+        if !finding.help.is_empty() {
+            context.reporter.help(finding.help);
+        }
+    }
+}
+
 /// Bounds of all triangles in world space, metres.
-fn bounds(scene: &prelight_bake::scene::Scene) -> [[f32; 3]; 2] {
-    let world = World::build(scene);
-    let finite = world.positions.iter().flatten().filter(|corner| corner.iter().all(|x| x.is_finite()));
+fn bounds(positions: &[[[f32; 3]; 3]]) -> [[f32; 3]; 2] {
+    let finite = positions.iter().flatten().filter(|corner| corner.iter().all(|x| x.is_finite()));
     let empty = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
     finite.fold(empty, |[low, high], corner| {
         [std::array::from_fn(|k| low[k].min(corner[k])), std::array::from_fn(|k| high[k].max(corner[k]))]

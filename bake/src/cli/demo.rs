@@ -1,7 +1,7 @@
 //! `prelight demo`: a scene made in code, baked and rendered under two lights and from two views.
 
-use super::args::{BakeKnobs, SceneArgs, ViewArgs};
-use super::bake::{BakeArgs, RebakeArgs};
+use super::args::{BakeKnobs, ViewArgs};
+use super::bake::{RebakeArgs, bake_file};
 use super::opened::{self, open_asset, open_environment};
 use super::render::{Picture, relight, set_metrics, write_image};
 use super::truth::Truth;
@@ -38,15 +38,7 @@ pub fn run(args: DemoArgs, context: &Context) -> Result<Summary, Failure> {
     let start = Instant::now();
     let scene = write_scene(&args.output)?;
     let asset_path = args.output.join("scene.prelight.json");
-    let bake = super::bake::run(
-        BakeArgs {
-            scene: SceneArgs { scene: scene.manifest.clone() },
-            output: Some(asset_path.clone()),
-            knobs: BakeKnobs::default(),
-            rebake: RebakeArgs::default(),
-        },
-        context,
-    )?;
+    let bake = bake_file(&scene.manifest, Some(asset_path.clone()), &BakeKnobs::default(), &RebakeArgs::default(), context)?;
     let asset = open_asset(&asset_path, context)?;
     let mut pictures = Vec::new();
     for camera in scene.cameras {

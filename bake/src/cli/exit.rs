@@ -87,6 +87,11 @@ impl Failure {
             } else if !words.message.contains(&head) {
                 words.message = format!("{}: {head}", words.message);
             }
+            if let Some(BakeError::Input { path, source }) = cause.downcast_ref()
+                && source.kind() == std::io::ErrorKind::NotFound
+            {
+                words.help.push(super::suggest::missing(std::path::Path::new(path)));
+            }
         }
         words
     }

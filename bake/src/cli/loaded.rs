@@ -1,4 +1,4 @@
-//! A scene read, resolved and ready: what `plan` and `bake` begin with.
+//! A scene read, resolved and ready: what `plan`, `bake`, `watch` and `check` begin with.
 
 use super::args::BakeKnobs;
 use super::{Context, Failure};
@@ -20,6 +20,13 @@ pub struct Loaded {
 impl Loaded {
     /// Reads everything that a bake reads and reports every warning.
     pub fn open(path: &Path, knobs: &BakeKnobs, context: &Context) -> Result<Self, Failure> {
+        let loaded = Self::open_quietly(path, knobs, context)?;
+        loaded.scene.warnings.iter().for_each(|warning| context.progress().warning(warning));
+        Ok(loaded)
+    }
+
+    /// The same, warnings left in the scene.
+    pub fn open_quietly(path: &Path, knobs: &BakeKnobs, context: &Context) -> Result<Self, Failure> {
         let mut input = SceneInput::open(path)?;
         if let Some(quality) = knobs.quality {
             input.manifest.bake.quality = quality;
@@ -28,12 +35,14 @@ impl Loaded {
             input.manifest.bake.edge_length = Some(f64::from(edge_length));
         }
         let memory = context.memory_limit(input.manifest.limits.memory).0;
-        let _stage = Stage::begin(context.progress(), "read", None, "files");
+        let stage = Stage::begin(context.progress(), "read", None, "files");
         let loaded = input.load(memory)?;
+        drop(stage);
+        // Where no edge length is pinned, points are counted until one fits the budget.
+        let _stage = Stage::begin(context.progress(), "measure", None, "points");
         let scene = loaded.scene;
         let world = World::build(&scene);
         let settings = Settings::resolve(&input.manifest, &loaded.knobs, &scene, &world, knobs.points, memory)?;
-        scene.warnings.iter().for_each(|warning| context.progress().warning(warning));
         Ok(Loaded { input, scene, world, settings })
     }
 }

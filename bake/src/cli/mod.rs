@@ -4,6 +4,7 @@
 
 mod args;
 mod bake;
+mod batch;
 mod check;
 mod completions;
 mod context;
@@ -24,8 +25,10 @@ mod render;
 mod reporter;
 mod schema;
 mod style;
+mod suggest;
 mod summary;
 mod truth;
+mod watch;
 
 pub use context::Context;
 pub use exit::{ExitCode, Failure, Words};
@@ -64,6 +67,7 @@ enum Verb {
     Check(check::CheckArgs),
     Plan(plan::PlanArgs),
     Bake(bake::BakeArgs),
+    Watch(watch::WatchArgs),
     Render(render::RenderArgs),
     Inspect(inspect::InspectArgs),
     Diff(diff::DiffArgs),
@@ -79,6 +83,7 @@ impl Verb {
             Verb::Check(_) => "check",
             Verb::Plan(_) => "plan",
             Verb::Bake(_) => "bake",
+            Verb::Watch(_) => "watch",
             Verb::Render(_) => "render",
             Verb::Inspect(_) => "inspect",
             Verb::Diff(_) => "diff",
@@ -94,6 +99,7 @@ impl Verb {
             Verb::Check(args) => check::run(args, context),
             Verb::Plan(args) => plan::run(args, context),
             Verb::Bake(args) => bake::run(args, context),
+            Verb::Watch(args) => watch::run(args, context),
             Verb::Render(args) => render::run(args, context),
             Verb::Inspect(args) => inspect::run(args, context),
             Verb::Diff(args) => diff::run(args, context),

@@ -10,7 +10,7 @@ use prelight_bake::Progress;
 use prelight_manifests::version::EVENT_VERSION;
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 /// What to show while the work runs.
@@ -43,6 +43,8 @@ impl Look {
 /// The current stage.
 struct Running {
     name: String,
+    /// The name with the scene's number before it.
+    label: String,
     unit: String,
     total: Option<u64>,
     start: Instant,
@@ -62,6 +64,21 @@ struct Shared {
     stop: Mutex<bool>,
     wake: Condvar,
     drawing: AtomicBool,
+    scope: Mutex<Option<Scope>>,
+    deadline: OnceLock<Instant>,
+    /// Raised from outside when the work in progress is out of date.
+    stale: Arc<AtomicBool>,
+}
+
+/// One of several scenes that are worked on one after the other.
+#[derive(Clone, Debug)]
+pub struct Scope {
+    /// The scene as given.
+    pub scene: String,
+    /// From 1.
+    pub number: usize,
+    /// How many there are.
+    pub of: usize,
 }
 
 /// The command's [`Progress`].
@@ -88,6 +105,9 @@ impl Reporter {
             stop: Mutex::new(false),
             wake: Condvar::new(),
             drawing: AtomicBool::new(true),
+            scope: Mutex::new(None),
+            deadline: OnceLock::new(),
+            stale: Arc::default(),
         });
         let ticker = (look != Look::None).then(|| {
             let shared = shared.clone();
@@ -99,6 +119,53 @@ impl Reporter {
     /// Seconds of each stage so far, in order of their first beginning; repeats of a name are added up.
     pub fn stage_seconds(&self) -> Vec<(String, f64)> {
         lock(&self.shared.seconds).clone()
+    }
+
+    /// Names the scene that stages, messages and events belong to from here on.
+    pub fn set_scope(&self, scope: Option<Scope>) {
+        *lock(&self.shared.scope) = scope;
+    }
+
+    /// Work is to stop at this time. The first time given stays.
+    pub fn set_deadline(&self, deadline: Instant) {
+        let _ = self.shared.deadline.set(deadline);
+    }
+
+    /// Whether the deadline has come.
+    pub fn is_late(&self) -> bool {
+        self.shared.deadline.get().is_some_and(|deadline| Instant::now() >= *deadline)
+    }
+
+    /// While this flag is raised, work in progress is to stop because its inputs have changed.
+    pub fn stale(&self) -> Arc<AtomicBool> {
+        self.shared.stale.clone()
+    }
+
+    /// Ends the open stage, so that its bar makes room for a line.
+    pub fn end_stage(&self) {
+        self.shared.end();
+    }
+
+    /// A result of its own, before the summary: a line on stdout; nothing with `--json`, which has an event for it.
+    pub fn result(&self, line: &str) {
+        if !self.shared.json {
+            self.shared.end();
+            self.shared.stdout.line(line);
+        }
+    }
+
+    /// What to do about the warning before it; programs find it in the summary.
+    pub fn help(&self, text: &str) {
+        if !self.shared.json && !self.shared.quiet {
+            self.shared.say(&format!("  {} {text}", super::style::help()));
+        }
+    }
+
+    /// An event of its own kind: a line of `--json`, nothing without.
+    pub fn event(&self, event: Value) {
+        if self.shared.json {
+            self.shared.event(event);
+        }
     }
 
     /// Ends the stage that an error left open and stops drawing, so that what is printed next stands alone.
@@ -155,8 +222,12 @@ impl Shared {
         self.end();
         let mut stage = lock(&self.stage);
         self.done.store(0, Ordering::Relaxed);
-        let bar = (self.look == Look::Bar && self.drawing.load(Ordering::Relaxed)).then(|| new_bar(name, total, unit));
-        let running = Running { name: name.into(), unit: unit.into(), total, start: Instant::now(), bar, spoke: false };
+        let label = match &*lock(&self.scope) {
+            Some(scope) => format!("{}/{} {name}", scope.number, scope.of),
+            None => name.to_string(),
+        };
+        let bar = (self.look == Look::Bar && self.drawing.load(Ordering::Relaxed)).then(|| new_bar(&label, total, unit));
+        let running = Running { name: name.into(), label, unit: unit.into(), total, start: Instant::now(), bar, spoke: false };
         if let Look::Events { .. } = self.look {
             self.event(json!({ "event": "begin", "stage": name, "total": total, "unit": unit }));
         }
@@ -172,7 +243,7 @@ impl Shared {
         match self.look {
             Look::Events { .. } => self.event(running.event("end", done)),
             Look::Lines if running.spoke => {
-                talk(&format!("{}: {} {} in {}", running.name, group(done), running.unit, clock(seconds)));
+                talk(&format!("{}: {} {} in {}", running.label, group(done), running.unit, clock(seconds)));
             }
             _ => {}
         }
@@ -185,6 +256,11 @@ impl Shared {
 
     fn event(&self, mut event: Value) {
         event["version"] = EVENT_VERSION.into();
+        if let Some(scope) = &*lock(&self.scope) {
+            event["scene"] = scope.scene.as_str().into();
+            event["scene_number"] = scope.number.into();
+            event["scenes"] = scope.of.into();
+        }
         match self.look {
             Look::Events { to_stdout: false } => talk(&event.to_string()),
             _ => self.stdout.line(&event.to_string()),
@@ -210,7 +286,7 @@ impl Running {
             None => format!("{} {}", group(done), self.unit),
         };
         let left = remaining(done, self.total, seconds).map(|left| format!(", about {} left", clock(left))).unwrap_or_default();
-        format!("{}: {of_total}, {} a second, {} so far{left}", self.name, short_number(rate), clock(seconds))
+        format!("{}: {of_total}, {} a second, {} so far{left}", self.label, short_number(rate), clock(seconds))
     }
 
     fn event(&self, kind: &str, done: u64) -> Value {
@@ -267,7 +343,7 @@ impl Progress for Reporter {
 
     fn message(&self, text: &str) {
         if self.shared.json {
-            self.shared.stdout.line(&json!({ "version": EVENT_VERSION, "event": "message", "text": text }).to_string());
+            self.shared.event(json!({ "event": "message", "text": text }));
         } else if !self.shared.quiet {
             self.shared.say(text);
         }
@@ -275,14 +351,14 @@ impl Progress for Reporter {
 
     fn warning(&self, text: &str) {
         if self.shared.json {
-            self.shared.stdout.line(&json!({ "version": EVENT_VERSION, "event": "warning", "text": text }).to_string());
+            self.shared.event(json!({ "event": "warning", "text": text }));
         } else if !self.shared.quiet {
             self.shared.say(&format!("{} {text}", super::style::warning()));
         }
     }
 
     fn is_cancelled(&self) -> bool {
-        interrupt::requested()
+        interrupt::requested() || self.shared.stale.load(Ordering::Relaxed) || self.is_late()
     }
 }
 
@@ -345,7 +421,8 @@ mod tests {
     #[test]
     fn a_heartbeat_says_how_far_how_fast_and_how_long() {
         let start = Instant::now().checked_sub(Duration::from_secs(10)).expect("the machine is up for ten seconds");
-        let mut stage = Running { name: "trace".into(), unit: "tiles".into(), total: Some(4000), start, bar: None, spoke: false };
+        let (name, label) = ("trace".to_string(), "trace".to_string());
+        let mut stage = Running { name, label, unit: "tiles".into(), total: Some(4000), start, bar: None, spoke: false };
         let line = stage.line(1000);
         assert!(line.starts_with("trace: 1 000 of 4 000 tiles (25 %), "), "{line}");
         assert!(line.contains(" a second, 10") && line.contains(" so far, about 30"), "{line}");
