@@ -156,7 +156,13 @@ fn percentile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * share).round() as usize]
 }
 
-/// Seconds of one thread for all keys of base points.
+/// Processor seconds of this thread.
+fn thread_seconds() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+}
+
+/// Processor seconds of one thread for all keys of base points.
 fn time_keys(scene: &Scene, options: &BakeOptions, store: &Store) -> (f64, u64) {
     let world = World::build(scene);
     let pieces = Pieces::build(scene, &world, &layers(scene, &world, &[]), MAX_LAYERS);
@@ -167,13 +173,13 @@ fn time_keys(scene: &Scene, options: &BakeOptions, store: &Store) -> (f64, u64) 
     for object in 0..scene.objects.len() {
         let plan = plan_object(scene, &world, object, &options.points[object]).expect("the scene can be planned");
         for patch in &plan.patches {
-            let start = Instant::now();
+            let start = thread_seconds();
             let inputs = PatchInputs::new(&of, &plan, patch);
-            seconds += start.elapsed().as_secs_f64();
+            seconds += thread_seconds() - start;
             let tables: Vec<TileTable> = candidates(store, &inputs).expect("the store can be read").into_iter().map(|c| c.table).collect();
-            let start = Instant::now();
+            let start = thread_seconds();
             let (_, stale) = stale_tiles(&of, &inputs, &tables);
-            seconds += start.elapsed().as_secs_f64();
+            seconds += thread_seconds() - start;
             assert_eq!(stale, 0, "nothing was edited");
             points += u64::from(patch.n_points);
         }

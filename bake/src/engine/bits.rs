@@ -6,7 +6,7 @@ use crate::plan::ObjectPlan;
 use crate::plan::Patch;
 use crate::plan::shaft::BOX_POINTS;
 use crate::plan::tile::{CLOSED, FACE_TILES, TileSet};
-use crate::trace::horizon::above_horizon;
+use crate::trace::horizon::above_horizon_of_face;
 use crate::trace::{Occluders, Scratch};
 use prelight_runtime::block_product::visibility::{Visibility, open_words};
 
@@ -43,16 +43,24 @@ impl PatchBits {
         self.face_resolution / FACE_TILES
     }
 
+    /// Words of a face.
+    fn words_of(&self, face: usize) -> std::ops::Range<usize> {
+        let words = self.words / 6;
+        face * words..(face + 1) * words
+    }
+
+    /// Sets the mask on the faces that hold one of the tiles; elsewhere it is not to be read.
     fn set_mask(&mut self, tiles: TileSet) {
         let (n, side) = (self.face_resolution, self.side());
-        self.mask.clear();
-        for face in 0..6 {
-            for y in 0..n {
-                let row = tiles >> (16 * face + 4 * (y / side)) & 15;
-                for word in 0..n / 64 {
+        self.mask.resize(self.words, 0);
+        for face in faces(tiles) {
+            let words = self.words_of(face);
+            for (y, row) in self.mask[words].chunks_exact_mut(n / 64).enumerate() {
+                let wanted = tiles >> (16 * face + 4 * (y / side)) & 15;
+                for (word, mask) in row.iter_mut().enumerate() {
                     let per_word = 64 / side;
-                    let bits = (0..per_word).filter(|k| row >> (word * per_word + k) & 1 == 1);
-                    self.mask.push(bits.fold(0, |all, k| all | (u64::MAX >> (64 - side)) << (side * k)));
+                    let bits = (0..per_word).filter(|k| wanted >> (word * per_word + k) & 1 == 1);
+                    *mask = bits.fold(0, |all, k| all | (u64::MAX >> (64 - side)) << (side * k));
                 }
             }
         }
@@ -60,25 +68,23 @@ impl PatchBits {
 
     /// Closes tiles.
     pub fn clear(&mut self, tiles: TileSet) {
-        if tiles == 0 {
-            return;
-        }
         self.set_mask(tiles);
-        for open in self.open.chunks_exact_mut(self.words) {
-            open.iter_mut().zip(&self.mask).for_each(|(open, mask)| *open &= !mask);
+        for face in faces(tiles) {
+            let words = self.words_of(face);
+            for open in self.open.chunks_exact_mut(self.words) {
+                open[words.clone()].iter_mut().zip(&self.mask[words.clone()]).for_each(|(open, mask)| *open &= !mask);
+            }
         }
     }
 
     /// Sets tiles to what is above the horizon.
     pub fn set_horizon(&mut self, plan: &ObjectPlan, patch: &Patch, tiles: TileSet) {
-        if tiles == 0 {
-            return;
-        }
         self.set_mask(tiles);
-        for (point, open) in patch.range().zip(self.open.chunks_exact_mut(self.words)) {
-            above_horizon(plan.normal[point], self.face_resolution, &mut self.work);
-            for ((open, above), mask) in open.iter_mut().zip(&self.work).zip(&self.mask) {
-                *open = *open & !mask | above & mask;
+        for face in faces(tiles) {
+            let words = self.words_of(face);
+            for (point, open) in patch.range().zip(self.open.chunks_exact_mut(self.words)) {
+                above_horizon_of_face(plan.normal[point], self.face_resolution, face, &mut self.work[words.clone()]);
+                merge(&mut open[words.clone()], &self.work[words.clone()], &self.mask[words.clone()]);
             }
         }
     }
@@ -87,26 +93,27 @@ impl PatchBits {
     pub fn trace(&mut self, occluders: &Occluders, layer: usize, plan: &ObjectPlan, patch: &Patch, tiles: TileSet) -> TileSet {
         self.set_mask(tiles);
         let (n, side) = (self.face_resolution, self.side());
-        let row_words = n / 64;
         // Per face and row of texels, the bits that changed for any point.
         let mut changed = vec![0u64; self.words];
+        let ranges: Vec<_> = faces(tiles).map(|face| self.words_of(face)).collect();
         for (point, open) in patch.range().zip(self.open.chunks_exact_mut(self.words)) {
             let mut any = 0;
-            for ((work, open), mask) in self.work.iter_mut().zip(open.iter()).zip(&self.mask) {
-                *work = open & mask;
-                any |= *work;
+            for word in ranges.iter().cloned().flatten() {
+                self.work[word] = open[word] & self.mask[word];
+                any |= self.work[word];
             }
             if any == 0 {
                 continue;
             }
-            occluders.close_covered_by(layer, &plan.trace_origin(point), n, &mut self.scratch, &mut self.work);
-            for (((open, work), mask), changed) in open.iter_mut().zip(&self.work).zip(&self.mask).zip(&mut changed) {
-                *changed |= (*open & mask) ^ work;
-                *open = *open & !mask | work;
+            occluders.close_covered_by(layer, faces(tiles), &plan.trace_origin(point), n, &mut self.scratch, &mut self.work);
+            for word in ranges.iter().cloned().flatten() {
+                let mask = self.mask[word];
+                changed[word] |= (open[word] & mask) ^ self.work[word];
+                open[word] = open[word] & !mask | self.work[word];
             }
         }
         let mut set = 0;
-        for (row, words) in changed.chunks_exact(row_words).enumerate() {
+        for (row, words) in changed.chunks_exact(n / 64).enumerate() {
             let (face, y) = (row / n, row % n / side);
             for x in 0..FACE_TILES {
                 let bits = words[x * side / 64] >> (x * side % 64) & (u64::MAX >> (64 - side));
@@ -149,8 +156,8 @@ impl PatchBits {
         self.set_mask(tiles);
         for (point, open) in self.open.chunks_exact_mut(self.words).enumerate() {
             visibility.point(point).to_open_bits(self.face_resolution, &mut self.work);
-            for ((open, from), mask) in open.iter_mut().zip(&self.work).zip(&self.mask) {
-                *open = *open & !mask | from & mask;
+            for words in faces(tiles).map(|face| face * self.words / 6..(face + 1) * self.words / 6) {
+                merge(&mut open[words.clone()], &self.work[words.clone()], &self.mask[words]);
             }
         }
     }
@@ -160,10 +167,22 @@ impl PatchBits {
         self.set_mask(1 << tile);
         for (point, open) in self.open.chunks_exact(self.words).enumerate() {
             visibility.point(point).to_open_bits(self.face_resolution, &mut self.work);
-            if open.iter().zip(&self.work).zip(&self.mask).any(|((a, b), mask)| (a ^ b) & mask != 0) {
+            if self.words_of(usize::from(tile / 16)).any(|word| (open[word] ^ self.work[word]) & self.mask[word] != 0) {
                 return false;
             }
         }
         true
+    }
+}
+
+/// Faces that hold one of the tiles.
+fn faces(tiles: TileSet) -> impl Iterator<Item = usize> {
+    (0..6).filter(move |face| tiles >> (16 * face) & 0xFFFF != 0)
+}
+
+/// Takes the bits under a mask from elsewhere.
+fn merge(open: &mut [u64], from: &[u64], mask: &[u64]) {
+    for ((open, from), mask) in open.iter_mut().zip(from).zip(mask) {
+        *open = *open & !mask | from & mask;
     }
 }

@@ -35,6 +35,11 @@ impl Bounds {
     /// Holds nothing; grows by [`Bounds::add`].
     pub const EMPTY: Bounds = Bounds { lower: [f32::INFINITY; 3], upper: [f32::NEG_INFINITY; 3] };
 
+    /// A place.
+    pub fn at(place: [f32; 3]) -> Bounds {
+        Bounds { lower: place, upper: place }
+    }
+
     /// Grows to hold a place.
     pub fn add(&mut self, place: [f32; 3]) {
         for axis in 0..3 {
@@ -68,20 +73,23 @@ pub struct OriginBoxes {
     pub boxes: Vec<Bounds>,
     /// All of them.
     pub patch: Bounds,
+    /// The origins themselves, in order.
+    pub points: Vec<[f32; 3]>,
 }
 
 impl OriginBoxes {
     /// Of the ray origins of a patch, in order, as traced.
     pub fn new(origins: impl Iterator<Item = [f32; 3]>) -> OriginBoxes {
         let (mut boxes, mut patch) = (Vec::with_capacity(MAX_BOXES), Bounds::EMPTY);
-        for (i, origin) in origins.enumerate() {
+        let points: Vec<[f32; 3]> = origins.collect();
+        for (i, &origin) in points.iter().enumerate() {
             if i % BOX_POINTS == 0 {
                 boxes.push(Bounds::EMPTY);
             }
             boxes.last_mut().expect("one was pushed").add(origin);
             patch.add(origin);
         }
-        OriginBoxes { boxes, patch }
+        OriginBoxes { boxes, patch, points }
     }
 }
 

@@ -1,8 +1,8 @@
 //! Tiles of a patch: which are open, what reaches them, and the table of their keys that a ledger record carries.
 //!
 //! A tile is a 4×4th part of a cubemap face: 16×16 texels at 64², 32×32 at 128²; number face·16 + 4·y + x, 96 a patch. It has 2×2 cells
-//! ([`super::shaft`]). Cells are kept per box of 16 points: a piece enters a tile's key only if it reaches, from some box, a cell in which
-//! one of that box's points is open.
+//! ([`super::shaft`]). Open cells are kept per box of 16 points: a piece enters a tile's key only if it reaches, from some point, a cell in
+//! which one of the points of its box is open.
 //!
 //! ```text
 //! record data   version u8, boxes u8, rows u16, then rows, by tile, then by layer:
@@ -14,7 +14,7 @@
 //! tile without rows has the bits of the horizon.
 
 use super::pieces::{DigestSum, NO_PIECE, Pieces};
-use super::shaft::{MAX_BOXES, OriginBoxes, horizon_cells, reached_cells};
+use super::shaft::{BOX_POINTS, Bounds, MAX_BOXES, OriginBoxes, horizon_cells, reached_cells};
 
 /// Tiles of a patch.
 pub const N_TILES: usize = 96;
@@ -78,7 +78,7 @@ impl OpenCells {
         let of_box = |normals: &[[f32; 3]]| std::array::from_fn(|face| horizon_cells(face, normals, face_resolution));
         let mut boxes: Vec<[u64; 6]> = Vec::with_capacity(MAX_BOXES);
         let mut before: &[[f32; 3]] = &[];
-        for part in normals.chunks(super::shaft::BOX_POINTS) {
+        for part in normals.chunks(BOX_POINTS) {
             // A flat wall: the box before has the same normals.
             let same = !before.is_empty() && before.iter().chain(part).all(|normal| *normal == before[0]);
             let cells = if same { boxes[boxes.len() - 1] } else { of_box(part) };
@@ -150,12 +150,22 @@ impl Reach {
                 }
                 let possible = tiles_of_cells(wide);
                 let mut found = 0;
-                for (bounds, open) in origins.boxes.iter().zip(&open.boxes) {
-                    if open[face] & wide != 0 {
-                        found |= tiles_of_cells(reached_cells(face, &node.bounds, bounds, face_resolution) & open[face]);
-                        if found == possible {
+                for ((bounds, open), points) in origins.boxes.iter().zip(&open.boxes).zip(origins.points.chunks(BOX_POINTS)) {
+                    if open[face] & wide == 0 {
+                        continue;
+                    }
+                    // The box first, because it is one test instead of sixteen; its points, because they are what is traced from.
+                    let near = tiles_of_cells(reached_cells(face, &node.bounds, bounds, face_resolution) & open[face]) & !found;
+                    let mut left = near;
+                    for point in points {
+                        if left == 0 {
                             break;
                         }
+                        left &= !tiles_of_cells(reached_cells(face, &node.bounds, &Bounds::at(*point), face_resolution) & open[face]);
+                    }
+                    found |= near & !left;
+                    if found == possible {
+                        break;
                     }
                 }
                 let digest = &pieces.pieces[node.piece as usize].digest;

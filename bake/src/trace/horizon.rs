@@ -17,32 +17,38 @@ pub fn above_horizon(normal: [f32; 3], face_resolution: usize, open: &mut [u64])
     let (n, words) = (face_resolution, face_resolution / 64);
     assert!(n.is_power_of_two() && n >= 64, "face resolution {n} is not a power of two from 64 up");
     assert_eq!(open.len(), 6 * n * words, "one bit a texel");
-    for face in 0..6 {
-        let (main, u, v, sign) = face_axes(face);
-        let slope = normal[u];
-        for y in 0..n {
-            let base = sign * normal[main] + normal[v] * texel_centre(n, y);
-            let above = |x: usize| base + slope * texel_centre(n, x) > 0.0;
-            let row = &mut open[(face * n + y) * words..][..words];
-            let (left, right) = (above(0), above(n - 1));
-            if left == right {
-                row.fill(if left { u64::MAX } else { 0 });
-                continue;
-            }
-            // The first texel that differs from the left one: guessed by division, then settled by the definition.
-            let guess = (-base / slope + 1.0) * (0.5 * n as f32) + 0.5;
-            let mut edge = (guess as usize).clamp(1, n - 1);
-            while above(edge - 1) != left {
-                edge -= 1;
-            }
-            while above(edge) == left {
-                edge += 1;
-            }
-            for (word, bits) in row.iter_mut().enumerate() {
-                let before = edge.saturating_sub(64 * word).min(64);
-                let prefix = if before == 64 { u64::MAX } else { (1 << before) - 1 };
-                *bits = if left { prefix } else { !prefix };
-            }
+    for (face, open) in open.chunks_exact_mut(n * words).enumerate() {
+        above_horizon_of_face(normal, n, face, open);
+    }
+}
+
+/// The same for one face: `[n, n / 64]` words.
+pub fn above_horizon_of_face(normal: [f32; 3], face_resolution: usize, face: usize, open: &mut [u64]) {
+    let (n, words) = (face_resolution, face_resolution / 64);
+    let (main, u, v, sign) = face_axes(face);
+    let slope = normal[u];
+    for y in 0..n {
+        let base = sign * normal[main] + normal[v] * texel_centre(n, y);
+        let above = |x: usize| base + slope * texel_centre(n, x) > 0.0;
+        let row = &mut open[y * words..][..words];
+        let (left, right) = (above(0), above(n - 1));
+        if left == right {
+            row.fill(if left { u64::MAX } else { 0 });
+            continue;
+        }
+        // The first texel that differs from the left one: guessed by division, then settled by the definition.
+        let guess = (-base / slope + 1.0) * (0.5 * n as f32) + 0.5;
+        let mut edge = (guess as usize).clamp(1, n - 1);
+        while above(edge - 1) != left {
+            edge -= 1;
+        }
+        while above(edge) == left {
+            edge += 1;
+        }
+        for (word, bits) in row.iter_mut().enumerate() {
+            let before = edge.saturating_sub(64 * word).min(64);
+            let prefix = if before == 64 { u64::MAX } else { (1 << before) - 1 };
+            *bits = if left { prefix } else { !prefix };
         }
     }
 }

@@ -156,14 +156,22 @@ impl Occluders {
     ///
     /// A texel's new bit depends only on its old one, so work can be cut by texels or by layers of occluders in any way.
     pub fn close_covered(&self, from: &TraceOrigin, face_resolution: usize, scratch: &mut Scratch, open: &mut [u64]) {
-        (0..self.trees.len()).for_each(|layer| self.close_covered_by(layer, from, face_resolution, scratch, open));
+        (0..self.trees.len()).for_each(|layer| self.close_covered_by(layer, 0..6, from, face_resolution, scratch, open));
     }
 
-    /// [`Occluders::close_covered`] by the occluders of one layer alone.
+    /// [`Occluders::close_covered`] by the occluders of one layer alone, on some of the faces.
     ///
     /// # Panics
     /// If there is no such layer, and as `close_covered`.
-    pub fn close_covered_by(&self, layer: usize, from: &TraceOrigin, face_resolution: usize, scratch: &mut Scratch, open: &mut [u64]) {
+    pub fn close_covered_by(
+        &self,
+        layer: usize,
+        faces: impl Iterator<Item = usize>,
+        from: &TraceOrigin,
+        face_resolution: usize,
+        scratch: &mut Scratch,
+        open: &mut [u64],
+    ) {
         let (n, words) = (face_resolution, face_resolution / 64);
         assert!(n.is_power_of_two() && n >= 64, "face resolution {n} is not a power of two from 64 up");
         assert_eq!(open.len(), 6 * n * words, "one bit a texel");
@@ -175,7 +183,7 @@ impl Occluders {
         stack.reserve(tree.stack_size);
         excluded.set(tree, from.base_triangles);
         let scene = coverage::Scene { tree, masks: &self.masks, excluded };
-        for face in 0..6 {
+        for face in faces {
             for (wy, wx) in (0..words).flat_map(|y| (0..words).map(move |x| (y, x))) {
                 let at = |y: usize| (face * n + wy * 64 + y) * words + wx;
                 for y in 0..64 {
