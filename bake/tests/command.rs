@@ -38,7 +38,7 @@ fn summary(output: &Output) -> Value {
     last
 }
 
-const VERBS: [&str; 11] = ["demo", "init", "check", "plan", "bake", "watch", "render", "inspect", "diff", "schema", "completions"];
+const VERBS: [&str; 12] = ["demo", "init", "check", "plan", "bake", "watch", "render", "chart", "inspect", "diff", "schema", "completions"];
 
 #[test]
 fn help_lists_every_verb_and_every_verb_explains_itself() {
@@ -63,6 +63,7 @@ fn help_lists_every_verb_and_every_verb_explains_itself() {
             "render",
             "--environment --size --camera --eye --look-at --fov --exposure --rotate --samples --clay --reference --split --reference-only",
         ),
+        ("chart", "--output --environment --size --views --reference --samples --timed-points --paper --quality"),
         ("inspect", "--map --output"),
         ("diff", "--fail-above"),
         ("init", "--output --force"),

@@ -5,6 +5,7 @@
 mod args;
 mod bake;
 mod batch;
+mod chart;
 mod check;
 mod completions;
 mod context;
@@ -69,6 +70,7 @@ enum Verb {
     Bake(bake::BakeArgs),
     Watch(watch::WatchArgs),
     Render(render::RenderArgs),
+    Chart(chart::ChartArgs),
     Inspect(inspect::InspectArgs),
     Diff(diff::DiffArgs),
     Schema(schema::SchemaArgs),
@@ -85,6 +87,7 @@ impl Verb {
             Verb::Bake(_) => "bake",
             Verb::Watch(_) => "watch",
             Verb::Render(_) => "render",
+            Verb::Chart(_) => "chart",
             Verb::Inspect(_) => "inspect",
             Verb::Diff(_) => "diff",
             Verb::Schema(_) => "schema",
@@ -101,6 +104,7 @@ impl Verb {
             Verb::Bake(args) => bake::run(args, context),
             Verb::Watch(args) => watch::run(args, context),
             Verb::Render(args) => render::run(args, context),
+            Verb::Chart(args) => chart::run(args, context),
             Verb::Inspect(args) => inspect::run(args, context),
             Verb::Diff(args) => diff::run(args, context),
             Verb::Schema(args) => schema::run(args, context),

@@ -1,0 +1,91 @@
+//! A whole view shaded with one technique and drawn.
+
+use super::prepared::{BakedPatch, PatchLight, PreparedLight, Shader, Tables};
+use super::technique::Technique;
+use crate::error::BakeError;
+use crate::progress::{Progress, check};
+use prelight_runtime::asset::Asset;
+use prelight_runtime::asset::mesh::Mesh;
+use prelight_runtime::draw::raster::Visibility;
+use prelight_runtime::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
+use prelight_runtime::environment::{Environment, LightCubemap};
+use rayon::prelude::*;
+
+/// What a camera sees of an asset, kept for all techniques and lights.
+pub struct PictureView {
+    visibility: Visibility,
+    eye: [f32; 3],
+    /// Patches that hold a point which drawing interpolates from.
+    patches: Vec<usize>,
+    flags: Vec<u32>,
+}
+
+impl PictureView {
+    /// Rasterises.
+    ///
+    /// # Errors
+    /// As the rasteriser.
+    pub fn new(
+        asset: &Asset,
+        camera: &prelight_runtime::draw::camera::Camera,
+        size: [usize; 2],
+        samples: usize,
+    ) -> Result<Self, BakeError> {
+        let meshes: Vec<Mesh> = (0..asset.objects.len()).map(|object| asset.mesh(object)).collect();
+        let visibility = Visibility::new(&meshes, asset.materials(), &asset.textures(), camera, size, samples)?;
+        let n_points: Vec<usize> = asset.objects.iter().map(|object| object.points.len()).collect();
+        let wanted = visibility.visible_points(&meshes, &n_points).concat();
+        let patches = (0..asset.patches.len()).filter(|patch| wanted[asset.patches[*patch].points.clone()].contains(&true)).collect();
+        let flags = asset.patches.iter().flat_map(|patch| patch.points().flags.to_vec()).collect();
+        Ok(PictureView { visibility, eye: camera.eye, patches, flags })
+    }
+
+    /// Points of the patches in view: what a frame shades.
+    pub fn points(&self, asset: &Asset) -> usize {
+        self.patches.iter().map(|patch| asset.patches[*patch].points.len()).sum()
+    }
+
+    /// Shades and draws.
+    ///
+    /// # Errors
+    /// [`BakeError::Cancelled`].
+    pub fn draw(
+        &self,
+        asset: &Asset,
+        technique: Technique,
+        tables: &Tables,
+        environment: &Environment,
+        light: &LightCubemap,
+        progress: &dyn Progress,
+    ) -> Result<Frame, BakeError> {
+        let prepared = PreparedLight::new(technique, light);
+        let shade = |shader: &mut Shader, patch: &usize| -> Result<PatchLight, BakeError> {
+            check(progress)?;
+            let (patch, mut out) = (&asset.patches[*patch], PatchLight::default());
+            let baked = BakedPatch::new(technique, tables, patch);
+            shader.shade(technique, &prepared, patch, &baked, self.eye, patch.points.len(), &mut out);
+            Ok(out)
+        };
+        let lights: Vec<PatchLight> =
+            self.patches.par_iter().map_init(|| Shader::new(light.face_resolution), shade).collect::<Result<_, BakeError>>()?;
+        let mut all = PatchLight { irradiance: vec![[[0.0; 3]; 3]; asset.n_points()], glossy: vec![[[0.0; 3]; 2]; asset.n_points()] };
+        for (patch, light) in self.patches.iter().zip(lights) {
+            let range = asset.patches[*patch].points.clone();
+            all.irradiance[range.clone()].copy_from_slice(&light.irradiance);
+            all.glossy[range].copy_from_slice(&light.glossy);
+        }
+        let objects: Vec<DrawObject> = (asset.objects.iter().enumerate())
+            .map(|(i, object)| DrawObject {
+                mesh: asset.mesh(i),
+                irradiance: &all.irradiance[object.points.clone()],
+                glossy: &all.glossy[object.points.clone()],
+                point_flags: &self.flags[object.points.clone()],
+            })
+            .collect();
+        let background = |direction| environment.radiance(direction);
+        let textures = asset.textures();
+        let scene =
+            DrawScene { objects: &objects, materials: asset.materials(), textures: &textures, background: &background, clay: false };
+        Ok(draw_visible(&scene, &self.visibility)?)
+    }
+}

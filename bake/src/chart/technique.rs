@@ -1,0 +1,72 @@
+//! What is charted.
+
+/// A technique at one budget.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Technique {
+    /// Block products: exact diffuse, glossy to a relative tolerance.
+    BlockProduct {
+        /// See `block_product::GLOSSY_TOLERANCE`; 0 is the plain sum.
+        tolerance: f32,
+    },
+    /// Sums over texels: tiled SIMD for diffuse, over the open texels for glossy.
+    PixelSums,
+    /// \[NRH04\], a share of the coefficients of light and of surface kept.
+    HaarTriple {
+        /// 0..=1 of 6·n² per channel.
+        share: f64,
+    },
+    /// \[SKS02\].
+    ShProduct {
+        /// 5: 25 coefficients, 10: 100.
+        bands: usize,
+    },
+}
+
+impl Technique {
+    /// Everything, in the order of tables.
+    pub const ALL: [Technique; 10] = [
+        Technique::BlockProduct { tolerance: 1e-1 },
+        Technique::BlockProduct { tolerance: 1e-2 },
+        Technique::BlockProduct { tolerance: 1e-3 },
+        Technique::BlockProduct { tolerance: 1e-4 },
+        Technique::BlockProduct { tolerance: 0.0 },
+        Technique::PixelSums,
+        Technique::HaarTriple { share: 0.01 },
+        Technique::HaarTriple { share: 0.1 },
+        Technique::ShProduct { bands: 5 },
+        Technique::ShProduct { bands: 10 },
+    ];
+
+    /// Name of the technique without its budget.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Technique::BlockProduct { .. } => "block_product",
+            Technique::PixelSums => "pixel_sums",
+            Technique::HaarTriple { .. } => "haar_triple",
+            Technique::ShProduct { .. } => "sh_product",
+        }
+    }
+
+    /// Its budget, as tables print it.
+    pub fn budget(&self) -> String {
+        match self {
+            Technique::BlockProduct { tolerance } => format!("tolerance {tolerance}"),
+            Technique::PixelSums => "all texels".to_string(),
+            Technique::HaarTriple { share } => format!("{} %", 100.0 * share),
+            Technique::ShProduct { bands } => format!("{} coefficients", bands * bands),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_has_a_label_of_its_own() {
+        let mut labels: Vec<String> = Technique::ALL.iter().map(|t| format!("{} {}", t.name(), t.budget())).collect();
+        labels.sort();
+        labels.dedup();
+        assert_eq!(labels.len(), Technique::ALL.len(), "{labels:?}");
+    }
+}
