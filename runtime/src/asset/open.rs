@@ -132,8 +132,7 @@ impl Asset {
 
     /// Refined triangles of an object.
     pub fn mesh(&self, object: usize) -> Mesh<'_> {
-        let n_points = self.objects[object].points.len() as u32;
-        Mesh::from_chunk(&self.objects[object].mesh, n_points).expect(PROVEN)
+        Mesh::from_proven_chunk(&self.objects[object].mesh)
     }
 
     /// Geometry of an object as its source gave it, local space.

@@ -1,4 +1,4 @@
-//! Isotropic GGX microfacet reflection, single scattering, split into two Schlick terms.
+//! GGX microfacet reflection, isotropic and anisotropic, single scattering, split into two Schlick terms.
 //!
 //! ```text
 //! f(v, l)·n·l = D(h)·G2(v, l)·F(v·h) / (4 n·v n·l) · n·l,      h = (v + l) / |v + l|
@@ -8,6 +8,14 @@
 //! ```
 //!
 //! so that f·n·l = F0·terms\[0\] + terms\[1\]: a caller that keeps the two sums may choose F0 later, per channel and per pixel.
+//! Anisotropic, with widths a_x, a_y along the tangent and the bitangent:
+//!
+//! ```text
+//! D(h) = 1 / (π a_x a_y (h_x²/a_x² + h_y²/a_y² + h_z²)²),     S(c) = √(a_x² c_x² + a_y² c_y² + c_z²)
+//! ```
+//!
+//! [`stretched`] gives the widths of KHR_materials_anisotropy. Functions with `local` in their name take directions in the frame
+//! (tangent, bitangent, normal) and `[a_x, a_y]`; the others are isotropic, in world space.
 //!
 //! | symbol | here |
 //! |---|---|
@@ -21,7 +29,8 @@
 //! Lossy: energy of multiple scattering is missing (albedo 0.56 at roughness 1, F0 = 1, n·v = 0.3). A view direction below the normal's
 //! horizon is lifted to n·v = [`N_DOT_V_MIN`], see [`lift_view`].
 
-use super::{cross, dot};
+use super::albedo::AlbedoTable;
+use super::{cross, dot, half_vector, reflect};
 use crate::sphere::frame::tangents;
 use std::f64::consts::PI;
 use std::sync::OnceLock;
@@ -88,7 +97,7 @@ pub fn sample(n: [f32; 3], v: [f32; 3], roughness: f32, u: [f32; 2]) -> [f32; 3]
     let (t, b, n) = (t.map(f64::from), b.map(f64::from), n.map(f64::from));
     let v = lift_view(n, v.map(f64::from));
     let local = [dot(t, v), dot(b, v), dot(n, v)];
-    let h = visible_normal(local, alpha, u.map(f64::from));
+    let h = visible_normal(local, [alpha; 2], u.map(f64::from));
     let l = reflect(local, h);
     std::array::from_fn(|k| (l[0] * t[k] + l[1] * b[k] + l[2] * n[k]) as f32)
 }
@@ -106,14 +115,60 @@ pub fn pdf(n: [f32; 3], v: [f32; 3], l: [f32; 3], roughness: f32) -> f32 {
     (normal_distribution(n, h, alpha) / (2.0 * (n_dot_v + smith_root(alpha, n_dot_v)))) as f32
 }
 
+/// S(c) of anisotropic widths, at a unit direction of the local frame.
+pub fn smith_root_local(alpha: [f64; 2], c: [f64; 3]) -> f64 {
+    let [x, y] = [alpha[0] * c[0], alpha[1] * c[1]];
+    (x * x + y * y + c[2] * c[2]).sqrt()
+}
+
+/// [`terms`] of anisotropic widths in the local frame. `v` above the horizon; 0 where l is below.
+pub fn local_terms(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> [f64; 2] {
+    if l[2] <= 0.0 {
+        return [0.0; 2];
+    }
+    let geometry = 0.5 * l[2] / (l[2] * smith_root_local(alpha, v) + v[2] * smith_root_local(alpha, l));
+    let h = half_vector(v, l);
+    let lobe = local_distribution(h, alpha) * geometry;
+    let s = schlick(dot(v, h));
+    [lobe * (1.0 - s), lobe * s]
+}
+
+/// A direction toward the light from the visible normals of anisotropic widths; `u` uniform in \[0, 1)².
+pub fn local_sample(v: [f64; 3], alpha: [f64; 2], u: [f64; 2]) -> [f64; 3] {
+    reflect(v, visible_normal(v, alpha, u))
+}
+
+/// Density of [`local_sample`] per solid angle of l, sr⁻¹.
+pub fn local_pdf(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> f64 {
+    let h = half_vector(v, l);
+    if h[2] <= 0.0 { 0.0 } else { local_distribution(h, alpha) / (2.0 * (v[2] + smith_root_local(alpha, v))) }
+}
+
+/// Widths along tangent and bitangent of a lobe of width `alpha` with a strength 0..1: mix(alpha, 1, strength²) and alpha.
+/// Source: KHR_materials_anisotropy.
+pub fn stretched(alpha: f64, strength: f64) -> [f64; 2] {
+    [alpha + (1.0 - alpha) * strength * strength, alpha]
+}
+
+fn local_distribution(h: [f64; 3], alpha: [f64; 2]) -> f64 {
+    let [x, y] = [h[0] / alpha[0], h[1] / alpha[1]];
+    let spread = x * x + y * y + h[2] * h[2];
+    1.0 / (PI * alpha[0] * alpha[1] * spread * spread)
+}
+
 /// Directional albedo ∫ f n·l dl of a surface seen at `n_dot_v`, as the factor of F0 and the rest: E = F0·t0 + t1.
 ///
 /// From a table made once by quadrature, 64 × 40. Each term is within [`ALBEDO_ERROR`] of the exact integral, within a third of that where
 /// n·v ≥ 0.05. t0 + t1 ≤ 1. n·v below [`N_DOT_V_MIN`] counts as that.
 pub fn albedo_terms(n_dot_v: f32, roughness: f32) -> [f32; 2] {
-    static TABLE: OnceLock<AlbedoTable> = OnceLock::new();
-    TABLE.get_or_init(AlbedoTable::new).lookup(n_dot_v, roughness)
+    static TABLE: OnceLock<AlbedoTable<64, 40>> = OnceLock::new();
+    let exact = |n_dot_v, alpha| albedo_quadrature(n_dot_v, alpha, RINGS, SECTORS);
+    TABLE.get_or_init(|| AlbedoTable::new(exact)).lookup(n_dot_v, roughness)
 }
+
+/// Nodes of the quadrature behind [`albedo_terms`].
+const RINGS: usize = 32;
+const SECTORS: usize = 16;
 
 /// Largest absolute error of [`albedo_terms`], measured against a quadrature of 18 times as many nodes; met where n·v is near alpha.
 pub const ALBEDO_ERROR: f32 = 5e-3;
@@ -131,7 +186,7 @@ pub fn albedo_quadrature(n_dot_v: f64, alpha: f64, rings: usize, sectors: usize)
             // Half the circle is enough: the integrand is even in φ. 1 − q³ crowds rings where steep facets cut the lobe off.
             let q = (ring as f64 + 0.5) / rings as f64;
             let u = [0.5 * (sector as f64 + 0.5) / sectors as f64, 1.0 - q * q * q];
-            let h = visible_normal(v, alpha, u);
+            let h = visible_normal(v, [alpha; 2], u);
             let n_dot_l = reflect(v, h)[2];
             if n_dot_l > 0.0 {
                 let share = n_dot_l * (n_dot_v + s_v) / (n_dot_l * s_v + n_dot_v * smith_root(alpha, n_dot_l));
@@ -152,13 +207,6 @@ pub(crate) fn schlick(cosine: f64) -> f64 {
     square * square * rest
 }
 
-fn half_vector(v: [f64; 3], l: [f64; 3]) -> [f64; 3] {
-    let sum: [f64; 3] = std::array::from_fn(|k| v[k] + l[k]);
-    // v = −l happens only at grazing, where any vector gives a finite lobe.
-    let length = dot(sum, sum).sqrt().max(1e-9);
-    sum.map(|x| x / length)
-}
-
 fn normal_distribution(n: [f64; 3], h: [f64; 3], alpha: f64) -> f64 {
     let (cosine, sine) = (dot(n, h), cross(n, h));
     let a2 = alpha * alpha;
@@ -166,71 +214,20 @@ fn normal_distribution(n: [f64; 3], h: [f64; 3], alpha: f64) -> f64 {
     a2 / (PI * spread * spread)
 }
 
-fn reflect(v: [f64; 3], h: [f64; 3]) -> [f64; 3] {
-    let twice = 2.0 * dot(v, h);
-    std::array::from_fn(|k| twice * h[k] - v[k])
-}
-
 /// Normal of a facet that `v` sees, in the frame where n is +Z. The stretched view direction reflects a uniform point of the cap z > −v.z.
-fn visible_normal(v: [f64; 3], alpha: f64, u: [f64; 2]) -> [f64; 3] {
-    let stretched = normalised([alpha * v[0], alpha * v[1], v[2]]);
+fn visible_normal(v: [f64; 3], alpha: [f64; 2], u: [f64; 2]) -> [f64; 3] {
+    let stretched = normalised([alpha[0] * v[0], alpha[1] * v[1], v[2]]);
     let phi = 2.0 * PI * u[0];
     let z = (1.0 - u[1]) * (1.0 + stretched[2]) - stretched[2];
     let radius = (1.0 - z * z).max(0.0).sqrt();
     let cap = [radius * libm::cos(phi), radius * libm::sin(phi), z];
     let h: [f64; 3] = std::array::from_fn(|k| cap[k] + stretched[k]);
-    normalised([alpha * h[0], alpha * h[1], h[2].max(0.0)])
+    normalised([alpha[0] * h[0], alpha[1] * h[1], h[2].max(0.0)])
 }
 
 fn normalised(x: [f64; 3]) -> [f64; 3] {
     let length = dot(x, x).sqrt();
     if length < 1e-12 { [0.0, 0.0, 1.0] } else { x.map(|c| c / length) }
-}
-
-/// Bilinear table, `[roughness][view][term]`. The view axis is √(n·v): grazing albedo bends most there. Below n·v ~ alpha it is a function
-/// of their ratio, so the roughness axis is √roughness, from the floor of alpha to 1, to hold neighbouring rows together there.
-struct AlbedoTable {
-    terms: Vec<[f32; 2]>,
-}
-
-impl AlbedoTable {
-    const VIEWS: usize = 64;
-    const ROUGHNESSES: usize = 40;
-    const RINGS: usize = 32;
-    const SECTORS: usize = 16;
-    /// [`ALPHA_MIN`] to the fourth root.
-    const FIRST_ROOT: f32 = 0.177_827_94;
-
-    fn new() -> Self {
-        let mut terms = Vec::with_capacity(Self::VIEWS * Self::ROUGHNESSES);
-        for row in 0..Self::ROUGHNESSES {
-            let root = Self::FIRST_ROOT + (1.0 - Self::FIRST_ROOT) * row as f32 / (Self::ROUGHNESSES - 1) as f32;
-            let alpha = alpha(root * root);
-            for column in 0..Self::VIEWS {
-                let first = N_DOT_V_MIN.sqrt();
-                let root = first + (1.0 - first) * column as f64 / (Self::VIEWS - 1) as f64;
-                terms.push(albedo_quadrature(root * root, alpha, Self::RINGS, Self::SECTORS).map(|term| term as f32));
-            }
-        }
-        AlbedoTable { terms }
-    }
-
-    fn lookup(&self, n_dot_v: f32, roughness: f32) -> [f32; 2] {
-        let place = |unit: f32, nodes: usize| {
-            let at = unit.clamp(0.0, 1.0) * (nodes - 1) as f32;
-            let low = (at as usize).min(nodes - 2);
-            (low, at - low as f32)
-        };
-        let first = (N_DOT_V_MIN as f32).sqrt();
-        let (column, fc) = place((n_dot_v.max(0.0).sqrt() - first) / (1.0 - first), Self::VIEWS);
-        let (row, fr) = place((roughness.max(0.0).sqrt() - Self::FIRST_ROOT) / (1.0 - Self::FIRST_ROOT), Self::ROUGHNESSES);
-        let at = |r: usize, c: usize| self.terms[r * Self::VIEWS + c];
-        std::array::from_fn(|k| {
-            let near = at(row, column)[k] + (at(row, column + 1)[k] - at(row, column)[k]) * fc;
-            let far = at(row + 1, column)[k] + (at(row + 1, column + 1)[k] - at(row + 1, column)[k]) * fc;
-            near + (far - near) * fr
-        })
-    }
 }
 
 #[cfg(test)]

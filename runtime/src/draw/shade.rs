@@ -371,7 +371,8 @@ impl<'a> Shader<'a> {
 
 /// Radiance of a surface that receives irradiance `received` (per channel, already dotted with the normal) and `glossy` terms.
 pub fn radiance(surface: &SurfaceSample, n_dot_v: f32, received: [f32; 3], glossy: [[f32; 3]; 2]) -> [f32; 3] {
-    let brdf = GltfSurface { base_color: surface.base_color, metallic: surface.metallic, roughness: surface.roughness };
+    let brdf =
+        GltfSurface { base_color: surface.base_color, metallic: surface.metallic, roughness: surface.roughness, ..GltfSurface::default() };
     let (diffuse, f0) = (brdf.diffuse(n_dot_v), brdf.f0());
     std::array::from_fn(|k| surface.emissive[k] + diffuse[k] * received[k] + f0[k] * glossy[0][k] + glossy[1][k])
 }

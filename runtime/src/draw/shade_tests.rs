@@ -64,7 +64,7 @@ fn a_white_sky_gives_albedo_times_e_over_pi_everywhere_on_a_sphere() {
     let base = Material { base_color: [0.6, 0.3, 0.1, 1.0], roughness: 0.5, ..material(false, AlphaMode::Opaque) };
     let frame = picture(&[object(&soup, &irradiance)], &[base], &[], false, &camera);
     let rays = CameraRays::new(&camera, 64, 64).unwrap();
-    let surface = GltfSurface { base_color: [0.6, 0.3, 0.1], metallic: 0.0, roughness: 0.5 };
+    let surface = GltfSurface { base_color: [0.6, 0.3, 0.1], roughness: 0.5, ..GltfSurface::default() };
     let (mut checked, eye) = (0, camera.eye);
     for i in (0..64 * 64).filter(|i| frame.mask[*i]) {
         let d = rays.direction((i % 64) as f32 + 0.5, (i / 64) as f32 + 0.5);
@@ -197,7 +197,7 @@ fn normal_maps_bend_the_diffuse_part() {
         let n = [90.0f32 / 127.5, 0.5 / 127.5, 90.5 / 127.5];
         let x = n[0] / (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
         let centre = frame.image.pixels[32 * 64 + 32];
-        let expected = GltfSurface { base_color: [1.0; 3], metallic: 0.0, roughness: 1.0 }.diffuse(x)[0] * x;
+        let expected = GltfSurface::default().diffuse(x)[0] * x;
         assert!((centre[0] - expected).abs() < 3e-3, "{centre:?} {expected}");
     }
 }
@@ -213,7 +213,7 @@ fn emission_and_glossy_terms_add_up_as_documented() {
         unlit: false,
         normal_tangent: None,
     };
-    let brdf = GltfSurface { base_color: surface.base_color, metallic: 0.25, roughness: 0.3 };
+    let brdf = GltfSurface { base_color: surface.base_color, metallic: 0.25, roughness: 0.3, ..GltfSurface::default() };
     let got = radiance(&surface, 0.7, [2.0, 3.0, 4.0], [[1.0, 2.0, 3.0], [0.1, 0.2, 0.3]]);
     for k in 0..3 {
         let f0 = 0.04 + (surface.base_color[k] - 0.04) * 0.25;
