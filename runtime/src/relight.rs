@@ -179,11 +179,12 @@ impl<'a> Relighter<'a> {
                 mesh,
                 irradiance: &self.irradiance[object.points.clone()],
                 glossy: &self.glossy[object.points.clone()],
+                coat: &[],
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();
         let (materials, textures) = (self.asset.materials(), self.asset.textures());
-        f(&DrawScene { objects: &objects, materials, textures: &textures, background, clay })
+        f(&DrawScene { objects: &objects, materials, textures: &textures, tables: &[], background, clay })
     }
 
     fn meshes(&self) -> Vec<Mesh<'a>> {

@@ -7,7 +7,7 @@ use crate::plan::weld::corner_normals;
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::Hit;
-use prelight_runtime::brdf::gltf::GltfSurface;
+use prelight_runtime::brdf::{Measured, Place, Surface};
 use prelight_runtime::draw::shade::CLAY_ALBEDO;
 use prelight_runtime::sphere::frame::tangents;
 use prelight_runtime::surface::{AlphaMode, SurfaceSample, bend_normal, resolve, tangent_from_uv};
@@ -19,14 +19,16 @@ pub(crate) struct Surfaces<'a> {
     pub scene: &'a Scene,
     pub world: &'a World,
     pub clay: bool,
+    /// Measured tables of the scene.
+    pub tables: &'a [Measured],
     /// `[objects]` edge length of the bake, metres; [`EDGE_LENGTH`] beyond its end.
     pub edge_lengths: &'a [f32],
 }
 
 /// How light leaves a surface.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Reflection {
-    Gltf(GltfSurface),
+pub(crate) enum Reflection<'a> {
+    Surface(Surface<'a>),
     /// Lambert.
     Clay,
     /// Nothing: the surface is its own picture.
@@ -35,14 +37,14 @@ pub(crate) enum Reflection {
 
 /// A surface at a hit, on the side that the ray came from.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Shading {
+pub(crate) struct Shading<'a> {
     pub triangle: u32,
     pub origin: [f32; 3],
     /// n_s: the horizon.
     pub normal: [f32; 3],
-    /// n_b: the normal that the material is shaded with.
-    pub mapped: [f32; 3],
-    pub reflection: Reflection,
+    /// Where the material stands: its normal is n_b.
+    pub place: Place,
+    pub reflection: Reflection<'a>,
     pub emissive: [f32; 3],
     /// The triangle itself does not block rays that start here.
     pub exclude: bool,
@@ -81,17 +83,21 @@ impl<'a> Surfaces<'a> {
     }
 
     /// Everything that shading needs.
-    pub fn shade(&self, met: &Met) -> Shading {
+    pub fn shade(&self, met: &Met) -> Shading<'a> {
         let hit = met.hit;
         let part = &self.world.primitives[self.world.primitive[hit.triangle as usize] as usize];
         let edge_length = self.edge_lengths.get(part.object as usize).copied().unwrap_or(EDGE_LENGTH);
         let start = surface_origin(self.world, hit.triangle, hit.barycentrics, hit.back_face, edge_length);
-        let mut mapped = start.normal;
-        if let (Some(bent), false) = (met.surface.normal_tangent, self.clay) {
+        let mut place = Place::about(start.normal);
+        if !self.clay {
             let side = if hit.back_face { -1.0 } else { 1.0 };
-            // The bent normal of the back is the negated front one.
             let front = start.normal.map(|c| c * side);
-            mapped = bend_normal(bent, front, self.tangent(met)).map(|c| c * side);
+            let surface = &met.surface;
+            let needs_tangent = surface.normal_tangent.is_some() || surface.coat_normal_tangent.is_some() || met.material.is_anisotropic();
+            let tangent = if needs_tangent { self.tangent(met) } else { [0.0; 4] };
+            let bend = |bent: Option<[f32; 3]>| bent.map_or(front, |bent| bend_normal(bent, front, tangent));
+            // The bent normal of the back is the negated front one.
+            place = surface.place(bend(surface.normal_tangent), bend(surface.coat_normal_tangent), tangent, side);
         }
         let surface = &met.surface;
         let reflection = if self.clay {
@@ -99,13 +105,13 @@ impl<'a> Surfaces<'a> {
         } else if surface.unlit {
             Reflection::Unlit
         } else {
-            Reflection::Gltf(GltfSurface { base_color: surface.base_color, metallic: surface.metallic, roughness: surface.roughness })
+            Reflection::Surface(surface.surface(self.tables))
         };
         Shading {
             triangle: hit.triangle,
             origin: start.origin,
             normal: start.normal,
-            mapped,
+            place,
             reflection,
             emissive: if self.clay { [0.0; 3] } else { surface.emissive },
             exclude: start.exclude_triangle,
@@ -124,7 +130,9 @@ impl<'a> Surfaces<'a> {
             return [x, y, z, if corner_normals(self.world, triangle).flipped { -sign } else { sign }];
         }
         let local = &self.scene.objects[part.object as usize].mesh.primitives[part.primitive as usize];
-        let set = met.material.normal_texture.map_or(0, |reference| usize::from(reference.uv_set == 1));
+        let material = met.material;
+        let mapped = material.normal_texture.or(material.clearcoat_normal_texture).or(material.anisotropy_texture);
+        let set = mapped.map_or(0, |reference| usize::from(reference.uv_set == 1));
         let uvs = local.uvs[set].as_ref().map_or([[0.0; 2]; 3], |uv| corners.map(|v| uv[v]));
         tangent_from_uv(self.world.positions[triangle as usize], uvs).unwrap_or([0.0; 4])
     }
@@ -145,15 +153,15 @@ impl Met<'_> {
     }
 }
 
-impl Shading {
+impl Shading<'_> {
     /// f·n·l toward viewer `v` of light from `l`; 0 below either horizon.
     pub fn eval(&self, v: [f32; 3], l: [f32; 3]) -> [f32; 3] {
         if dot(self.normal, l) <= 0.0 {
             return [0.0; 3];
         }
         match self.reflection {
-            Reflection::Gltf(surface) => surface.eval(self.mapped, v, l),
-            Reflection::Clay => [CLAY_ALBEDO / PI * dot(self.mapped, l).max(0.0); 3],
+            Reflection::Surface(surface) => surface.eval(&self.place, v, l),
+            Reflection::Clay => [CLAY_ALBEDO / PI * dot(self.place.normal, l).max(0.0); 3],
             Reflection::Unlit => [0.0; 3],
         }
     }
@@ -161,12 +169,12 @@ impl Shading {
     /// A direction to continue with.
     pub fn sample(&self, v: [f32; 3], u: [f32; 3]) -> [f32; 3] {
         match self.reflection {
-            Reflection::Gltf(surface) => surface.sample(self.mapped, v, u),
+            Reflection::Surface(surface) => surface.sample(&self.place, v, u),
             Reflection::Clay | Reflection::Unlit => {
-                let (t, b) = tangents(self.mapped);
+                let (t, b) = tangents(self.place.normal);
                 let (radius, phi) = (f64::from(u[0]).sqrt(), 2.0 * std::f64::consts::PI * f64::from(u[1]));
                 let (x, y, z) = (radius * libm::cos(phi), radius * libm::sin(phi), (1.0 - f64::from(u[0])).sqrt());
-                std::array::from_fn(|k| (x * f64::from(t[k]) + y * f64::from(b[k]) + z * f64::from(self.mapped[k])) as f32)
+                std::array::from_fn(|k| (x * f64::from(t[k]) + y * f64::from(b[k]) + z * f64::from(self.place.normal[k])) as f32)
             }
         }
     }
@@ -174,8 +182,8 @@ impl Shading {
     /// Density of [`Self::sample`], sr⁻¹.
     pub fn pdf(&self, v: [f32; 3], l: [f32; 3]) -> f32 {
         match self.reflection {
-            Reflection::Gltf(surface) => surface.pdf(self.mapped, v, l),
-            Reflection::Clay | Reflection::Unlit => dot(self.mapped, l).max(0.0) / PI,
+            Reflection::Surface(surface) => surface.pdf(&self.place, v, l),
+            Reflection::Clay | Reflection::Unlit => dot(self.place.normal, l).max(0.0) / PI,
         }
     }
 

@@ -69,7 +69,7 @@ pub struct PathTracer<'a> {
 impl<'a> PathTracer<'a> {
     /// `edge_lengths`: of the bake, per object; `bounces`: surfaces between the point and the environment, at least 1.
     pub fn new(scene: &'a Scene, world: &'a World, occluders: &'a Occluders, edge_lengths: &'a [f32], bounces: u32, seed: u64) -> Self {
-        let surfaces = Surfaces { scene, world, clay: false, edge_lengths };
+        let surfaces = Surfaces { scene, world, clay: false, tables: &[], edge_lengths };
         PathTracer { surfaces, occluders, bounces: bounces.max(1), seed }
     }
 
@@ -147,9 +147,9 @@ impl<'a> PathTracer<'a> {
 fn by_class(shading: &Shading, view: [f32; 3], l: [f32; 3], value: [f32; 3]) -> [[f32; 3]; 2] {
     let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     match &shading.reflection {
-        Reflection::Gltf(surface) => {
-            let cosine = dot(shading.mapped, l).max(0.0);
-            let diffuse = surface.diffuse(dot(shading.mapped, view));
+        Reflection::Surface(surface) => {
+            let cosine = dot(shading.place.normal, l).max(0.0);
+            let diffuse = surface.diffuse_toward(&shading.place, view);
             let diffuse: [f32; 3] = std::array::from_fn(|c| (diffuse[c] * cosine).min(value[c]));
             [diffuse, std::array::from_fn(|c| value[c] - diffuse[c])]
         }

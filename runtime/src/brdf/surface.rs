@@ -44,9 +44,9 @@ impl Place {
         Place { tangent, bitangent, normal, coat_normal: normal }
     }
 
-    /// A place whose frame follows `tangent` (made perpendicular to the normal), turned by `rotation` radians toward the bitangent
-    /// `sign` · n × t. A tangent that is zero or along the normal gives [`Place::about`].
-    pub fn along(normal: [f32; 3], tangent: [f32; 4], rotation: f32) -> Self {
+    /// A place whose frame follows `tangent` (made perpendicular to the normal), turned to the unit `direction` between it and the
+    /// bitangent `sign` · n × t. A tangent that is zero or along the normal gives [`Place::about`].
+    pub fn along(normal: [f32; 3], tangent: [f32; 4], direction: [f32; 2]) -> Self {
         let n = normal.map(f64::from);
         let t = [tangent[0], tangent[1], tangent[2]].map(f64::from);
         let along = dot(t, n);
@@ -57,7 +57,7 @@ impl Place {
         }
         let t = flat.map(|x| x / length);
         let b = super::cross(n, t).map(|x| if tangent[3] < 0.0 { -x } else { x });
-        let (sine, cosine) = (libm::sin(f64::from(rotation)), libm::cos(f64::from(rotation)));
+        let [cosine, sine] = direction.map(f64::from);
         let turned: [f64; 3] = std::array::from_fn(|k| cosine * t[k] + sine * b[k]);
         let across: [f64; 3] = std::array::from_fn(|k| cosine * b[k] - sine * t[k]);
         Place { tangent: turned.map(|x| x as f32), bitangent: across.map(|x| x as f32), normal, coat_normal: normal }
@@ -118,6 +118,12 @@ impl Surface<'_> {
             (1.0 - self.under[0] * t0[0] - self.under[1] * t1[0]).max(0.0)
         };
         self.diffuse.map(|albedo| albedo * factor / std::f32::consts::PI)
+    }
+
+    /// What a unit of irradiance leaves as diffuse radiance toward `v`, below the coat, sr⁻¹.
+    pub fn diffuse_toward(&self, place: &Place, v: [f32; 3]) -> [f32; 3] {
+        let under = self.under_coat(dot32(place.coat_normal, v));
+        self.base(lift(place.local(v))).map(|base| under * base)
     }
 
     /// Radiance toward `v` of a place that receives `irradiance` (per channel, on its normal), `glossy` light in the lobe's two terms

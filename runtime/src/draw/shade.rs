@@ -3,11 +3,12 @@
 //! Per fragment (a triangle in some samples of a pixel), at the centroid of its samples:
 //!
 //! ```text
-//! radiance = emissive + base/π · (1 − metal) · (1 − E_d(n_b·v)) · max(0, E·n_b) + F0 · glossy[0] + glossy[1]
+//! radiance = emissive + (1 − c·E_c(n_c·v)) · (base(n_b·v) · max(0, E·n_b) + F0 · glossy[0] + F90 · glossy[1]) + c · coat
 //! ```
 //!
 //! E is the vector irradiance, glossy the two Schlick terms, both interpolated from the corners' points; n_b the interpolated shading
-//! normal bent by the normal map; E_d and F0 those of [`crate::brdf::gltf`]. Corners without a point, and buried ones, leave the
+//! normal bent by the normal map; base, F0, F90 and the clear coat c are those of
+//! [`crate::brdf::Surface`] (base/π · (1 − metal)(1 − E_d) for glTF). Corners without a point, and buried ones, leave the
 //! interpolation: the weights of the others grow to sum 1; a triangle with none left gets no light.
 //!
 //! Where a pixel covers more than one texel of a texture, the fragment's samples are shaded in as many groups as it covers texels (at
@@ -22,9 +23,9 @@ use super::raster::{Edges, Fragment, TILE, TileFragments, Visibility, blend_corn
 use super::threads::map_indices;
 use crate::asset::mesh::{Mesh, NO_POINT};
 use crate::asset::points::BURIED;
-use crate::brdf::gltf::GltfSurface;
+use crate::brdf::{Measured, Place};
 use crate::error::RuntimeError;
-use crate::surface::{Material, SurfaceSample, Texture, TextureRef, bend_normal, resolve, tangent_from_uv};
+use crate::surface::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
 use std::f32::consts::PI;
 
 /// Reflectance of every surface in clay.
@@ -39,6 +40,8 @@ pub struct DrawObject<'a> {
     pub irradiance: &'a [[[f32; 3]; 3]],
     /// `[points][term][channel]` glossy radiance: the factor of F0, and the rest. Empty: none.
     pub glossy: &'a [[[f32; 3]; 2]],
+    /// `[points][channel]` radiance of a whole clear coat. Empty: none.
+    pub coat: &'a [[f32; 3]],
     /// `[points]` flags of [`crate::asset::points`]. Empty: none is buried.
     pub point_flags: &'a [u32],
 }
@@ -52,6 +55,8 @@ pub struct DrawScene<'a> {
     pub materials: &'a [Material],
     /// Textures of the asset.
     pub textures: &'a [Texture<'a>],
+    /// Measured tables of the asset.
+    pub tables: &'a [Measured],
     /// Radiance from a unit world direction, where nothing is.
     pub background: &'a (dyn Fn([f32; 3]) -> [f32; 3] + Sync),
     /// Two-sided Lambert 0.5 instead of the materials.
@@ -111,7 +116,11 @@ pub(super) fn check_light(scene: &DrawScene) -> Result<(), RuntimeError> {
         let points = object.mesh.point_front.iter().chain(object.mesh.point_back).filter(|p| **p != NO_POINT);
         let needed = points.max().map_or(0, |p| *p as usize + 1);
         let short = |len: usize, may_lack: bool| len < needed && !(may_lack && len == 0);
-        if short(object.irradiance.len(), false) || short(object.glossy.len(), true) || short(object.point_flags.len(), true) {
+        if short(object.irradiance.len(), false)
+            || short(object.glossy.len(), true)
+            || short(object.coat.len(), true)
+            || short(object.point_flags.len(), true)
+        {
             let what = format!("light for {} points, its mesh names {needed}", object.irradiance.len());
             return Err(RuntimeError::Chunk { kind: "mesh", digest: String::new(), what });
         }
@@ -284,8 +293,10 @@ impl<'a> Shader<'a> {
             for texture in material.textures().filter_map(|r| self.scene.textures.get(r.texture as usize)) {
                 gathered.texels = [gathered.texels[0].max(texture.width as f32), gathered.texels[1].max(texture.height as f32)];
             }
-            if let (Some(reference), true) = (material.normal_texture, mesh.tangent.is_empty()) {
-                let uvs = corners.map(|v| coordinates(mesh, &reference, v));
+            let mapped = material.normal_texture.or(material.clearcoat_normal_texture).or(material.anisotropy_texture);
+            if mesh.tangent.is_empty() && (mapped.is_some() || material.is_anisotropic()) {
+                let set = mapped.map_or(0, |reference| reference.uv_set);
+                let uvs = corners.map(|v| coordinates(mesh, set, v));
                 gathered.tangent_from_uv = tangent_from_uv(corners.map(|v| mesh.position[v]), uvs);
             }
         }
@@ -311,28 +322,25 @@ impl<'a> Shader<'a> {
         if surface.unlit && !self.scene.clay {
             return (surface.emissive, surface.alpha);
         }
-        let (irradiance, glossy) = self.light(gathered, light_weights);
+        let light = self.light(gathered, light_weights);
         let side = if gathered.edges.front { 1.0 } else { -1.0 };
         let front_normal = self.front_normal(gathered, weights);
-        let mut normal = front_normal;
-        if let (Some(bent), false) = (surface.normal_tangent, self.scene.clay) {
-            let tangent = match gathered.tangent_from_uv {
-                None if mesh.tangent.is_empty() => [0.0; 4],
-                None => {
-                    let sum = blend_corners(weights, corners.map(|v| mesh.tangent[v]));
-                    [sum[0], sum[1], sum[2], mesh.tangent[corners[0]][3]]
-                }
-                Some(tangent) => tangent,
-            };
-            normal = bend_normal(bent, front_normal, tangent);
-        }
-        let normal = normal.map(|v| v * side);
-        let received = irradiance.map(|e| (e[0] * normal[0] + e[1] * normal[1] + e[2] * normal[2]).max(0.0));
+        let received = |normal: [f32; 3]| light.irradiance.map(|e| (e[0] * normal[0] + e[1] * normal[1] + e[2] * normal[2]).max(0.0));
         if self.scene.clay {
-            return (received.map(|e| e * (CLAY_ALBEDO / PI)), surface.alpha);
+            return (received(front_normal.map(|v| v * side)).map(|e| e * (CLAY_ALBEDO / PI)), surface.alpha);
         }
-        let n_dot_v = -(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]);
-        (radiance(&surface, n_dot_v, received, glossy), surface.alpha)
+        let tangent = match gathered.tangent_from_uv {
+            None if mesh.tangent.is_empty() => [0.0; 4],
+            None => {
+                let sum = blend_corners(weights, corners.map(|v| mesh.tangent[v]));
+                [sum[0], sum[1], sum[2], mesh.tangent[corners[0]][3]]
+            }
+            Some(tangent) => tangent,
+        };
+        let bend = |bent: Option<[f32; 3]>| bent.map_or(front_normal, |bent| bend_normal(bent, front_normal, tangent));
+        let place = surface.place(bend(surface.normal_tangent), bend(surface.coat_normal_tangent), tangent, side);
+        let toward = view.map(|v| -v);
+        (radiance(&surface, &place, toward, self.scene.tables, received(place.normal), &light), surface.alpha)
     }
 
     /// Unit shading normal of the front.
@@ -349,9 +357,9 @@ impl<'a> Shader<'a> {
         })
     }
 
-    /// Vector irradiance and glossy terms from the corners that have a usable point.
-    fn light(&self, gathered: &Gathered, weights: [f32; 3]) -> ([[f32; 3]; 3], [[f32; 3]; 2]) {
-        let (mut irradiance, mut glossy) = ([[0.0; 3]; 3], [[0.0; 3]; 2]);
+    /// Light from the corners that have a usable point.
+    fn light(&self, gathered: &Gathered, weights: [f32; 3]) -> PointLight {
+        let mut light = PointLight::default();
         let usable = |k: &usize| gathered.points[*k].is_some();
         let sum: f32 = (0..3).filter(usable).map(|k| weights[k]).sum();
         let count = (0..3).filter(usable).count();
@@ -360,25 +368,44 @@ impl<'a> Shader<'a> {
             // At a corner that has no point the others may weigh nothing: they share equally there.
             let weight = if sum > 1e-6 { weights[k] / sum } else { 1.0 / count as f32 };
             let e = &gathered.object.irradiance[point];
-            (0..3).for_each(|c| add(&mut irradiance[c], e[c], weight));
+            (0..3).for_each(|c| add(&mut light.irradiance[c], e[c], weight));
             if let Some(g) = gathered.object.glossy.get(point) {
-                (0..2).for_each(|term| add(&mut glossy[term], g[term], weight));
+                (0..2).for_each(|term| add(&mut light.glossy[term], g[term], weight));
+            }
+            if let Some(coat) = gathered.object.coat.get(point) {
+                add(&mut light.coat, *coat, weight);
             }
         }
-        (irradiance, glossy)
+        light
     }
 }
 
-/// Radiance of a surface that receives irradiance `received` (per channel, already dotted with the normal) and `glossy` terms.
-pub fn radiance(surface: &SurfaceSample, n_dot_v: f32, received: [f32; 3], glossy: [[f32; 3]; 2]) -> [f32; 3] {
-    let brdf =
-        GltfSurface { base_color: surface.base_color, metallic: surface.metallic, roughness: surface.roughness, ..GltfSurface::default() };
-    let (diffuse, f0) = (brdf.diffuse(n_dot_v), brdf.f0());
-    std::array::from_fn(|k| surface.emissive[k] + diffuse[k] * received[k] + f0[k] * glossy[0][k] + glossy[1][k])
+/// Light at a place of a surface, before its material.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PointLight {
+    /// `[channel][axis]` vector irradiance, W·m⁻².
+    pub irradiance: [[f32; 3]; 3],
+    /// `[term][channel]` glossy radiance.
+    pub glossy: [[f32; 3]; 2],
+    /// Radiance of a whole clear coat.
+    pub coat: [f32; 3],
 }
 
-fn coordinates(mesh: &Mesh, reference: &TextureRef, vertex: usize) -> [f32; 2] {
-    let set = if reference.uv_set == 1 { mesh.uv1 } else { mesh.uv0 };
+/// Radiance toward the unit `view` of a surface that receives irradiance `received` (per channel, already dotted with the normal).
+pub fn radiance(
+    surface: &SurfaceSample,
+    place: &Place,
+    view: [f32; 3],
+    tables: &[Measured],
+    received: [f32; 3],
+    light: &PointLight,
+) -> [f32; 3] {
+    let reflected = surface.surface(tables).relit(place, view, received, light.glossy, light.coat);
+    std::array::from_fn(|k| surface.emissive[k] + reflected[k])
+}
+
+fn coordinates(mesh: &Mesh, set: u32, vertex: usize) -> [f32; 2] {
+    let set = if set == 1 { mesh.uv1 } else { mesh.uv0 };
     set.get(vertex).copied().unwrap_or([0.0; 2])
 }
 

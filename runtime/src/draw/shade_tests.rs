@@ -2,10 +2,11 @@ use super::at_points::{INSET, draw_at_points};
 use super::camera::{Camera, CameraRays};
 use super::raster::Visibility;
 use super::raster_tests::{Soup, front_camera, material, random};
-use super::shade::{CLAY_ALBEDO, DrawObject, DrawScene, Frame, draw, radiance};
+use super::shade::{CLAY_ALBEDO, DrawObject, DrawScene, Frame, PointLight, draw, radiance};
 use crate::asset::mesh::{Mesh, NO_POINT};
 use crate::asset::points::BURIED;
-use crate::brdf::gltf::GltfSurface;
+use crate::brdf::surface::coat_albedo;
+use crate::brdf::{Coat, GltfSurface, Place};
 use crate::surface::{AlphaMode, Material, SurfaceSample, Texture, TextureEncoding, TextureRef, Wrap};
 use std::borrow::Cow;
 use std::f32::consts::PI;
@@ -18,11 +19,11 @@ fn toward_z(value: f32) -> [[f32; 3]; 3] {
 }
 
 fn object<'a>(soup: &'a Soup, irradiance: &'a [[[f32; 3]; 3]]) -> DrawObject<'a> {
-    DrawObject { mesh: soup.mesh(), irradiance, glossy: &[], point_flags: &[] }
+    DrawObject { mesh: soup.mesh(), irradiance, glossy: &[], coat: &[], point_flags: &[] }
 }
 
 fn picture(objects: &[DrawObject], materials: &[Material], textures: &[Texture], clay: bool, camera: &Camera) -> Frame {
-    draw(&DrawScene { objects, materials, textures, background: BLACK, clay }, camera, [64, 64], 16).unwrap()
+    draw(&DrawScene { objects, materials, textures, tables: &[], background: BLACK, clay }, camera, [64, 64], 16).unwrap()
 }
 
 fn square(half: f32, z: f32) -> Soup {
@@ -92,7 +93,14 @@ fn attributes_are_those_of_the_world_triangle_not_of_the_screen() {
     let irradiance: Vec<_> = soup.position.iter().map(|p| toward_z(linear(*p))).collect();
     let camera = front_camera();
     let materials = [material(true, AlphaMode::Opaque)];
-    let scene = DrawScene { objects: &[object(&soup, &irradiance)], materials: &materials, textures: &[], background: BLACK, clay: true };
+    let scene = DrawScene {
+        objects: &[object(&soup, &irradiance)],
+        materials: &materials,
+        textures: &[],
+        tables: &[],
+        background: BLACK,
+        clay: true,
+    };
     let frame = draw(&scene, &camera, [64, 64], 1).unwrap();
     let rays = CameraRays::new(&camera, 64, 64).unwrap();
     let mut checked = 0;
@@ -125,7 +133,8 @@ fn blend_is_drawn_over_what_is_behind_in_depth_order() {
         assert!(frame.image.pixels.iter().all(|p| (p[1] - expected).abs() < 1e-5), "{:?} {expected}", frame.image.pixels[40]);
     }
     // Nothing behind: over the background.
-    let scene = DrawScene { objects: &objects[..0], materials: &materials, textures: &[], background: &|_| [3.0; 3], clay: true };
+    let scene =
+        DrawScene { objects: &objects[..0], materials: &materials, textures: &[], tables: &[], background: &|_| [3.0; 3], clay: true };
     let frame = draw(&scene, &front_camera(), [33, 20], 16).unwrap();
     assert!(frame.image.pixels.iter().all(|p| (p[0] - 3.0).abs() < 1e-5) && frame.coverage.iter().all(|c| *c == 0.0));
 }
@@ -206,19 +215,23 @@ fn normal_maps_bend_the_diffuse_part() {
 fn emission_and_glossy_terms_add_up_as_documented() {
     let surface = SurfaceSample {
         base_color: [0.8, 0.4, 0.2],
-        alpha: 1.0,
         metallic: 0.25,
         roughness: 0.3,
         emissive: [0.5, 0.0, 0.0],
-        unlit: false,
-        normal_tangent: None,
+        ..SurfaceSample::default()
     };
     let brdf = GltfSurface { base_color: surface.base_color, metallic: 0.25, roughness: 0.3, ..GltfSurface::default() };
-    let got = radiance(&surface, 0.7, [2.0, 3.0, 4.0], [[1.0, 2.0, 3.0], [0.1, 0.2, 0.3]]);
+    let light = PointLight { glossy: [[1.0, 2.0, 3.0], [0.1, 0.2, 0.3]], coat: [5.0, 6.0, 7.0], ..PointLight::default() };
+    let (place, view) = (Place::about([0.0, 0.0, 1.0]), [0.51f32.sqrt(), 0.0, 0.7]);
+    let got = radiance(&surface, &place, view, &[], [2.0, 3.0, 4.0], &light);
+    let coat = Coat { strength: 0.5, roughness: 0.2 };
+    let coated = radiance(&SurfaceSample { coat, ..surface }, &place, view, &[], [2.0, 3.0, 4.0], &light);
     for k in 0..3 {
         let f0 = 0.04 + (surface.base_color[k] - 0.04) * 0.25;
         let expected = surface.emissive[k] + brdf.diffuse(0.7)[k] * [2.0, 3.0, 4.0][k] + f0 * (k + 1) as f32 + 0.1 * (k + 1) as f32;
         assert!((got[k] - expected).abs() < 1e-6);
+        let passed = (got[k] - surface.emissive[k]) * (1.0 - 0.5 * coat_albedo(0.7, 0.2));
+        assert!((coated[k] - surface.emissive[k] - passed - 0.5 * light.coat[k]).abs() < 1e-6);
     }
 }
 
@@ -270,7 +283,14 @@ fn one_thread_and_many_draw_the_same_bits_and_only_visible_points_matter() {
 #[test]
 fn light_for_too_few_points_is_an_error() {
     let soup = square(1.0, 0.0);
-    let scene = DrawScene { objects: &[object(&soup, &[[[0.0; 3]; 3]; 3])], materials: &[], textures: &[], background: BLACK, clay: false };
+    let scene = DrawScene {
+        objects: &[object(&soup, &[[[0.0; 3]; 3]; 3])],
+        materials: &[],
+        textures: &[],
+        tables: &[],
+        background: BLACK,
+        clay: false,
+    };
     assert!(draw(&scene, &front_camera(), [8, 8], 1).is_err());
 }
 
@@ -281,8 +301,14 @@ fn at_points_every_pixel_shows_the_light_of_one_point_and_says_where() {
     let irradiance = light.map(toward_z);
     let objects = [object(&soup, &irradiance)];
     let camera = front_camera();
-    let scene =
-        DrawScene { objects: &objects, materials: &[material(false, AlphaMode::Opaque)], textures: &[], background: BLACK, clay: true };
+    let scene = DrawScene {
+        objects: &objects,
+        materials: &[material(false, AlphaMode::Opaque)],
+        textures: &[],
+        tables: &[],
+        background: BLACK,
+        clay: true,
+    };
     let visibility = Visibility::new(&[soup.mesh()], scene.materials, &[], &camera, [64, 64], 4).unwrap();
     let drawn = draw_at_points(&scene, &visibility).unwrap();
     let mut seen = [0; 4];

@@ -56,6 +56,34 @@ pub enum AlphaMode {
     Blend,
 }
 
+/// Which lobe a material has. All but glTF's take their diffuse albedo from the base colour, the colour of their lobe from
+/// `specular` · `specular_color`, and its width from the roughness: alpha = roughness², of which exponents are s = 2/alpha² − 2.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Model {
+    /// Metallic-roughness with its extensions.
+    #[default]
+    Gltf,
+    /// No lobe.
+    Lambert,
+    /// Power of the cosine about the mirror direction.
+    Phong,
+    /// Power of the cosine of the half vector.
+    BlinnPhong,
+    /// Gaussian of slopes.
+    Ward {
+        /// Width along the tangent divided by that along the bitangent; alpha is their geometric mean.
+        aspect: f32,
+    },
+    /// Beckmann facets; alpha is their root mean square slope.
+    CookTorrance,
+    /// A measured table; no other value of the material counts but normal map, emission, opacity and clear coat.
+    Measured {
+        /// Index into the scene's (asset's) tables.
+        table: u32,
+    },
+}
+
 /// A surface as glTF describes it. Colours are linear Rec.709.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -110,6 +138,8 @@ pub struct Material {
     pub clearcoat_normal_scale: f32,
     /// Shown as its base colour, whatever the light.
     pub unlit: bool,
+    /// Which lobe.
+    pub model: Model,
     /// What alpha does.
     pub alpha_mode: AlphaMode,
     /// Seen and shaded from both sides. Single-sided surfaces block light from both sides too.
@@ -147,6 +177,7 @@ impl Default for Material {
             clearcoat_normal_texture: None,
             clearcoat_normal_scale: 1.0,
             unlit: false,
+            model: Model::Gltf,
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
             occludes: None,
@@ -161,6 +192,15 @@ impl Material {
         let set = |reference: Option<TextureRef>| reference.map(|r| r.uv_set);
         let anisotropy = (self.anisotropy > 0.0).then(|| set(self.anisotropy_texture).unwrap_or(0));
         set(self.normal_texture).or(anisotropy).or(set(self.clearcoat_normal_texture))
+    }
+
+    /// Whether its lobe needs a tangent.
+    pub fn is_anisotropic(&self) -> bool {
+        match self.model {
+            Model::Gltf => self.anisotropy > 0.0,
+            Model::Ward { aspect } => aspect != 1.0,
+            _ => false,
+        }
     }
 
     /// Every texture that it names.

@@ -4,6 +4,6 @@ pub mod material;
 pub mod resolve;
 pub mod texture;
 
-pub use material::{AlphaMode, Material, TextureRef, Wrap};
+pub use material::{AlphaMode, Material, Model, TextureRef, Wrap};
 pub use resolve::{SurfaceSample, bend_normal, resolve, resolve_alpha, tangent_from_uv};
 pub use texture::{Texture, TextureEncoding};

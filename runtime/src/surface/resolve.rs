@@ -5,7 +5,8 @@
 //! taken from the triangle's texture coordinates. On the back of a double-sided surface the bent normal is the negated front one:
 //! it is the same sheet of material.
 
-use super::{AlphaMode, Material, Texture, TextureRef};
+use super::{AlphaMode, Material, Model, Texture, TextureRef};
+use crate::brdf::{Coat, GltfSurface, Lobe, Measured, Place, Surface, ggx, phong};
 
 /// A material's parameters at a place. Colours are linear Rec.709.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +25,102 @@ pub struct SurfaceSample {
     pub unlit: bool,
     /// Unit normal of the normal map in the frame (tangent, bitangent, normal); `None` without a normal map.
     pub normal_tangent: Option<[f32; 3]>,
+    /// Index of refraction of the dielectric.
+    pub ior: f32,
+    /// Strength of the dielectric's reflection, 0..1.
+    pub specular: f32,
+    /// Colour of the dielectric's reflection (of the lobe, where the model is not glTF's).
+    pub specular_color: [f32; 3],
+    /// Strength of anisotropy, 0..1.
+    pub anisotropy: f32,
+    /// Unit direction of the first width from tangent toward bitangent.
+    pub direction: [f32; 2],
+    /// Clear coat.
+    pub coat: Coat,
+    /// As `normal_tangent`, of the clear coat.
+    pub coat_normal_tangent: Option<[f32; 3]>,
+    /// Which lobe.
+    pub model: Model,
+}
+
+impl Default for SurfaceSample {
+    /// glTF's dielectric of roughness 1, white.
+    fn default() -> Self {
+        SurfaceSample {
+            base_color: [1.0; 3],
+            alpha: 1.0,
+            metallic: 0.0,
+            roughness: 1.0,
+            emissive: [0.0; 3],
+            unlit: false,
+            normal_tangent: None,
+            ior: 1.5,
+            specular: 1.0,
+            specular_color: [1.0; 3],
+            anisotropy: 0.0,
+            direction: [1.0, 0.0],
+            coat: Coat::default(),
+            coat_normal_tangent: None,
+            model: Model::Gltf,
+        }
+    }
+}
+
+impl SurfaceSample {
+    /// What it reflects. A measured table that is not there is black.
+    pub fn surface<'a>(&self, tables: &'a [Measured]) -> Surface<'a> {
+        let coat = self.coat;
+        let plain = Surface {
+            diffuse: self.base_color,
+            f0: self.specular_color.map(|color| unit(color * self.specular)),
+            lobe: self.lobe(tables),
+            coat,
+            ..Surface::default()
+        };
+        match self.model {
+            Model::Gltf => GltfSurface {
+                base_color: self.base_color,
+                metallic: self.metallic,
+                roughness: self.roughness,
+                ior: self.ior,
+                specular: self.specular,
+                specular_color: self.specular_color,
+                anisotropy: self.anisotropy,
+                coat,
+            }
+            .surface(),
+            Model::Lambert => Surface { f0: [0.0; 3], ..plain },
+            Model::Phong | Model::BlinnPhong | Model::Ward { .. } => plain,
+            Model::CookTorrance => Surface { under: [plain.f0.iter().fold(0.0, |most, f0| f0.max(most)), 1.0], f90: 1.0, ..plain },
+            Model::Measured { .. } => Surface { diffuse: [0.0; 3], f0: [0.0; 3], f90: 1.0, ..plain },
+        }
+    }
+
+    /// The lobe alone: what glossy light at a point is computed with.
+    pub fn lobe<'a>(&self, tables: &'a [Measured]) -> Lobe<'a> {
+        let alpha = ggx::alpha(self.roughness);
+        match self.model {
+            Model::Gltf => Lobe::Ggx { alpha: ggx::stretched(alpha, f64::from(self.anisotropy)) },
+            Model::Lambert => Lobe::None,
+            Model::Phong => Lobe::Phong { exponent: phong::exponent(alpha) },
+            Model::BlinnPhong => Lobe::BlinnPhong { exponent: phong::exponent(alpha) },
+            Model::Ward { aspect } => {
+                let root = f64::from(aspect).max(f64::MIN_POSITIVE).sqrt();
+                Lobe::Ward { alpha: [alpha * root, alpha / root].map(|width| width.clamp(ggx::ALPHA_MIN, 1.0)) }
+            }
+            Model::CookTorrance => Lobe::CookTorrance { slope: alpha },
+            Model::Measured { table } => tables.get(table as usize).map_or(Lobe::None, Lobe::Measured),
+        }
+    }
+
+    /// How it stands in the world: about the front's mapped normal, with the front's tangent. `side` is −1 on the back, where the
+    /// same sheet is seen from behind.
+    pub fn place(&self, mapped: [f32; 3], coat_normal: [f32; 3], tangent: [f32; 4], side: f32) -> Place {
+        let stretched = self.anisotropy > 0.0 || matches!(self.model, Model::Ward { .. });
+        let mut place = if stretched { Place::along(mapped, tangent, self.direction) } else { Place::about(mapped) };
+        (place.normal, place.coat_normal) = (mapped.map(|x| x * side), coat_normal.map(|x| x * side));
+        place
+    }
 }
 
 /// The material at texture coordinates `uv0`, `uv1`, times the vertex colour ([1; 4] where the mesh has none).
@@ -34,23 +131,27 @@ pub fn resolve(material: &Material, textures: &[Texture], uv0: [f32; 2], uv1: [f
     let color = sample(&material.base_color_texture).unwrap_or([1.0; 4]);
     let metallic_roughness = sample(&material.metallic_roughness_texture).unwrap_or([1.0; 4]);
     let emissive = sample(&material.emissive_texture).unwrap_or([1.0; 4]);
-    let normal_tangent = sample(&material.normal_texture).map(|texel| {
-        let xy = [0, 1].map(|k| (texel[k] * 2.0 - 1.0) * material.normal_scale);
+    let bent = |texel: [f32; 4], scale: f32| {
+        let xy = [0, 1].map(|k| (texel[k] * 2.0 - 1.0) * scale);
         normalized([xy[0], xy[1], texel[2] * 2.0 - 1.0]).unwrap_or([0.0, 0.0, 1.0])
-    });
+    };
+    let normal_tangent = sample(&material.normal_texture).map(|texel| bent(texel, material.normal_scale));
     let alpha = if material.alpha_mode == AlphaMode::Opaque { 1.0 } else { unit(material.base_color[3] * color[3] * vertex_color[3]) };
     let base_color = std::array::from_fn(|k| unit(material.base_color[k] * color[k] * vertex_color[k]));
     if material.unlit {
-        return SurfaceSample {
-            base_color: [0.0; 3],
-            alpha,
-            metallic: 0.0,
-            roughness: 1.0,
-            emissive: base_color,
-            unlit: true,
-            normal_tangent: None,
-        };
+        return SurfaceSample { base_color: [0.0; 3], alpha, emissive: base_color, unlit: true, ..SurfaceSample::default() };
     }
+    let specular_color = sample(&material.specular_color_texture).unwrap_or([1.0; 4]);
+    let (stretch, direction) = anisotropy(material, sample(&material.anisotropy_texture));
+    let factor = |reference: &Option<TextureRef>, channel: usize| sample(reference).map_or(1.0, |texel| texel[channel]);
+    let coat = if material.clearcoat > 0.0 {
+        Coat {
+            strength: unit(material.clearcoat * factor(&material.clearcoat_texture, 0)),
+            roughness: unit(material.clearcoat_roughness * factor(&material.clearcoat_roughness_texture, 1)),
+        }
+    } else {
+        Coat::default()
+    };
     SurfaceSample {
         base_color,
         alpha,
@@ -59,7 +160,36 @@ pub fn resolve(material: &Material, textures: &[Texture], uv0: [f32; 2], uv1: [f
         emissive: std::array::from_fn(|k| (material.emissive[k] * emissive[k]).max(0.0)),
         unlit: false,
         normal_tangent,
+        ior: material.ior,
+        specular: unit(material.specular * factor(&material.specular_texture, 3)),
+        specular_color: std::array::from_fn(|k| (material.specular_color[k] * specular_color[k]).max(0.0)),
+        anisotropy: stretch,
+        direction,
+        coat,
+        coat_normal_tangent: sample(&material.clearcoat_normal_texture).map(|texel| bent(texel, material.clearcoat_normal_scale)),
+        model: material.model,
     }
+}
+
+/// Strength and unit direction of a material's anisotropy, the texel's direction turned further by the rotation.
+fn anisotropy(material: &Material, texel: Option<[f32; 4]>) -> (f32, [f32; 2]) {
+    if !material.is_anisotropic() {
+        return (0.0, [1.0, 0.0]);
+    }
+    let rotation = f64::from(material.anisotropy_rotation);
+    let (sine, cosine) = (libm::sin(rotation) as f32, libm::cos(rotation) as f32);
+    let (mut strength, mut x, mut y) = (unit(material.anisotropy), 1.0, 0.0);
+    if let Some(texel) = texel {
+        strength = unit(strength * texel[2]);
+        let (r, g) = (texel[0] * 2.0 - 1.0, texel[1] * 2.0 - 1.0);
+        let length = (r * r + g * g).sqrt();
+        // A texel of no direction says as much as none.
+        if length > 1e-3 {
+            (x, y) = (r / length, g / length);
+        }
+    }
+    let strength = if material.model == Model::Gltf { strength } else { 0.0 };
+    (strength, [cosine * x - sine * y, sine * x + cosine * y])
 }
 
 /// Alpha alone, the same bits as [`resolve`]'s: what decides cut-outs.
