@@ -18,6 +18,7 @@ use std::sync::Arc;
 pub(crate) struct SceneChunks {
     materials: Descriptor,
     textures: Vec<Descriptor>,
+    brdfs: Vec<Descriptor>,
     cameras: Descriptor,
     names: Descriptor,
     pub bytes_stored: u64,
@@ -38,8 +39,13 @@ impl SceneChunks {
             let shape = vec![u64::from(texture.height), u64::from(texture.width), 4];
             textures.push(writer.put(ChunkKind::Texture, Dtype::U8, shape, &texture.to_chunk())?);
         }
+        let mut brdfs = Vec::new();
+        for table in &scene.tables {
+            let shape = table.grid().iter().map(|n| *n as u64).chain([3]).collect();
+            brdfs.push(writer.put(ChunkKind::Brdf, Dtype::F32, shape, &table.to_chunk())?);
+        }
         let bytes_stored = commit(writer)?;
-        Ok(SceneChunks { materials, textures, cameras, names, bytes_stored })
+        Ok(SceneChunks { materials, textures, brdfs, cameras, names, bytes_stored })
     }
 
     pub fn content(self, world: &World, face_resolution: u32, objects: Vec<asset::AssetObject>) -> AssetContent {
@@ -49,6 +55,7 @@ impl SceneChunks {
             objects,
             materials: self.materials,
             textures: self.textures,
+            brdfs: self.brdfs,
             cameras: self.cameras,
             names: self.names,
             bounds: bounds(world),
@@ -96,6 +103,7 @@ pub fn scene_from_asset(asset: &Asset) -> Scene {
         objects: asset.objects.iter().enumerate().map(object).collect(),
         materials: asset.materials().to_vec(),
         textures: textures.collect(),
+        tables: asset.tables().to_vec(),
         cameras: asset.cameras().to_vec(),
         ..Scene::default()
     }

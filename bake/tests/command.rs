@@ -382,6 +382,7 @@ fn asset(name: &str, n: u8, seed: u8) -> prelight_manifests::AssetManifest {
             objects: vec![object],
             materials: chunk(ChunkKind::Materials, 1),
             textures: Vec::new(),
+            brdfs: Vec::new(),
             cameras: chunk(ChunkKind::Cameras, 2),
             names: chunk(ChunkKind::Names, 3),
             bounds: [[0.0; 3], [1.0; 3]],

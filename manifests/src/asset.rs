@@ -35,6 +35,9 @@ pub struct AssetContent {
     pub materials: Descriptor,
     /// Textures, in the order that materials number them.
     pub textures: Vec<Descriptor>,
+    /// Measured surfaces, in the order that materials number them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub brdfs: Vec<Descriptor>,
     /// Cameras, JSON chunk: an array of `prelight_runtime::draw::camera::SceneCamera`.
     pub cameras: Descriptor,
     /// Extras of the scene, nodes and materials, JSON chunk.
@@ -89,7 +92,7 @@ impl AssetContent {
 
     /// Every chunk that the asset needs, in a fixed order, with repeats.
     pub fn descriptors(&self) -> impl Iterator<Item = &Descriptor> {
-        let scene = [&self.materials, &self.cameras, &self.names].into_iter().chain(&self.textures);
+        let scene = [&self.materials, &self.cameras, &self.names].into_iter().chain(&self.textures).chain(&self.brdfs);
         let objects = self.objects.iter().flat_map(|object| {
             let patches = object.patches.iter().flat_map(|patch| [&patch.points, &patch.surface, &patch.visibility]);
             [&object.base, &object.mesh].into_iter().chain(patches)
@@ -151,6 +154,9 @@ impl AssetManifest {
         kind("content.names".into(), &self.content.names, ChunkKind::Names)?;
         for (i, texture) in self.content.textures.iter().enumerate() {
             kind(format!("content.textures[{i}]"), texture, ChunkKind::Texture)?;
+        }
+        for (i, brdf) in self.content.brdfs.iter().enumerate() {
+            kind(format!("content.brdfs[{i}]"), brdf, ChunkKind::Brdf)?;
         }
         let mut names = BTreeSet::new();
         for (i, object) in self.content.objects.iter().enumerate() {

@@ -27,6 +27,8 @@ pub enum ChunkKind {
     Image,
     /// Geometry of one object as its source gave it.
     Base,
+    /// Measured surface: values over the angles of half and difference vector.
+    Brdf,
 }
 
 /// Element type of a chunk's main array.

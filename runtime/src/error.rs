@@ -48,6 +48,14 @@ pub enum RuntimeError {
         /// The system's words.
         source: std::io::Error,
     },
+    /// A change of a material that its bake does not allow.
+    #[error("material {name:?} cannot be changed: {what}\n  help: change scene.toml or the glTF file and bake again")]
+    Material {
+        /// Name of the material asked for.
+        name: String,
+        /// What is in the way.
+        what: String,
+    },
     /// A camera that shows nothing.
     #[error("camera: {what}")]
     Camera {

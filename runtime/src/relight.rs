@@ -12,17 +12,24 @@
 //! ```
 //!
 //! [`Relighter::set_light`] and [`Relighter::shade`] do not allocate. Diffuse light is computed once per light and patch, and kept while
-//! only the view moves; glossy light follows the eye.
+//! only the view moves; glossy light follows the eye, to an [`Accuracy`]. [`Relighter::set_material`] changes a surface without a bake.
 
 use crate::asset::mesh::Mesh;
+use crate::asset::points::PATCH_POINTS;
+use crate::asset::surface::PointSurfaces;
 use crate::asset::{Asset, AssetPatch};
-use crate::block_product::{Glossy, Light, shade_diffuse, shade_glossy};
+use crate::block_product::brdf::PointLobe;
+use crate::block_product::{Accuracy, Glossy, Light, SimdPath, shade_diffuse, shade_lobes};
+use crate::brdf::surface::COAT_F0;
+use crate::brdf::{Lobe, Measured, ggx};
 use crate::draw::at_points::{PointImage, draw_at_points};
 use crate::draw::camera::Camera;
 use crate::draw::raster::Visibility;
 use crate::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use crate::environment::LightCubemap;
 use crate::error::RuntimeError;
+use crate::surface::detail::{Detail, fill_details, has_detail};
+use crate::surface::{AlphaMode, Material, Model, SurfaceSample};
 
 /// Buffers for the light at every point of an asset.
 pub struct Relighter<'a> {
@@ -32,21 +39,79 @@ pub struct Relighter<'a> {
     irradiance: Vec<[[f32; 3]; 3]>,
     /// `[points]` glossy radiance in two terms.
     glossy: Vec<Glossy>,
+    /// `[points]` radiance of a whole clear coat; empty while no material has one.
+    coat: Vec<[f32; 3]>,
+    surfaces: Surfaces<'a>,
+    accuracy: Accuracy,
     /// `[points]` flags, gathered from the patches.
     flags: Vec<u32>,
     /// `[patches]` irradiance is that of the current light.
     is_lit: Vec<bool>,
 }
 
+/// Materials as they are now.
+struct Surfaces<'a> {
+    materials: Vec<Material>,
+    /// As they were when the points' averages were made.
+    baked: &'a [Material],
+    tables: Vec<Measured>,
+    /// `[points]`, or empty while no material needs them.
+    details: Vec<Detail>,
+}
+
+impl Surfaces<'_> {
+    /// Roughness of a point whose average was `roughness` when the material was baked.
+    ///
+    /// The normals' spread adds to alpha², the factor multiplies what is below it. With both textures the two cannot be told apart, and all
+    /// is taken to scale with the factor.
+    fn roughness(&self, material: usize, roughness: f32) -> f32 {
+        let (baked, now) = (&self.baked[material], &self.materials[material]);
+        if baked.roughness == now.roughness && baked.metallic_roughness_texture == now.metallic_roughness_texture {
+            return roughness;
+        }
+        let (before, after) = (baked.roughness.powi(4), now.roughness.powi(4));
+        if baked.metallic_roughness_texture.is_some() && now.metallic_roughness_texture.is_some() && baked.roughness > 0.0 {
+            return (roughness * now.roughness / baked.roughness).min(1.0);
+        }
+        let spread = if baked.normal_texture.is_some() { (roughness.powi(4) - before).max(0.0) } else { 0.0 };
+        (after + spread).min(1.0).sqrt().sqrt()
+    }
+
+    /// What point `i` of a patch, `point` of the asset, reflects with.
+    fn lobe<'b>(&'b self, surfaces: &PointSurfaces, i: usize, point: usize) -> PointLobe<'b> {
+        let index = surfaces.material[i] as usize;
+        let (material, detail) = (&self.materials[index], self.details.get(point).copied().unwrap_or_default());
+        let lobe = if material.unlit {
+            Lobe::None
+        } else {
+            let roughness = self.roughness(index, surfaces.roughness[i]);
+            SurfaceSample { roughness, anisotropy: detail.anisotropy, model: material.model, ..SurfaceSample::default() }.lobe(&self.tables)
+        };
+        PointLobe { lobe, normal: surfaces.normal[i], tangent: detail.tangent }
+    }
+
+    /// The same for the clear coat.
+    fn coat(&self, surfaces: &PointSurfaces, i: usize, point: usize) -> PointLobe<'static> {
+        let detail = self.details.get(point).copied().unwrap_or_default();
+        let has_coat = self.materials[surfaces.material[i] as usize].clearcoat > 0.0;
+        let lobe = if has_coat { Lobe::Ggx { alpha: [ggx::alpha(detail.coat_roughness); 2] } } else { Lobe::None };
+        PointLobe { lobe, normal: if has_coat { detail.coat_normal } else { surfaces.normal[i] }, tangent: [0.0; 3] }
+    }
+}
+
 /// A run of patches and its part of every buffer.
 struct Work<'a> {
     light: &'a Light,
+    surfaces: &'a Surfaces<'a>,
+    accuracy: Accuracy,
     eye: [f32; 3],
     wanted: Option<&'a [bool]>,
     patches: &'a [AssetPatch],
     is_lit: &'a mut [bool],
     irradiance: &'a mut [[[f32; 3]; 3]],
     glossy: &'a mut [Glossy],
+    /// Empty while no material has a clear coat.
+    coat: &'a mut [[f32; 3]],
 }
 
 impl Work<'_> {
@@ -63,10 +128,11 @@ impl Work<'_> {
         let (is_lit, later_is_lit) = self.is_lit.split_at_mut(patches.len());
         let (irradiance, later_irradiance) = self.irradiance.split_at_mut(points);
         let (glossy, later_glossy) = self.glossy.split_at_mut(points);
-        let Work { light, eye, wanted, .. } = self;
-        let first = Work { light, eye, wanted, patches, is_lit, irradiance, glossy };
-        let (patches, is_lit, irradiance, glossy) = (later_patches, later_is_lit, later_irradiance, later_glossy);
-        let later = Work { light, eye, wanted, patches, is_lit, irradiance, glossy };
+        let (coat, later_coat) = self.coat.split_at_mut(points.min(self.coat.len()));
+        let Work { light, surfaces, accuracy, eye, wanted, .. } = self;
+        let first = Work { light, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat };
+        let (patches, is_lit, irradiance, glossy, coat) = (later_patches, later_is_lit, later_irradiance, later_glossy, later_coat);
+        let later = Work { light, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat };
         let (a, b) = join(|| first.run(), || later.run());
         a + b
     }
@@ -83,8 +149,20 @@ impl Work<'_> {
             if !std::mem::replace(is_lit, true) {
                 shade_diffuse(self.light, &visibility, &mut self.irradiance[range.clone()]);
             }
-            let (position, surfaces) = (patch.points().position, patch.surfaces());
-            shade_glossy(self.light, position, &surfaces, &visibility, self.eye, &mut self.glossy[range]);
+            let (position, averages, first) = (patch.points().position, patch.surfaces(), patch.points.start);
+            let (path, surfaces) = (SimdPath::detect(), self.surfaces);
+            let lobe = |i: usize| surfaces.lobe(&averages, i, first + i);
+            shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, self.eye, &mut self.glossy[range.clone()]);
+            let is_coated = |material: &u32| surfaces.materials[*material as usize].clearcoat > 0.0;
+            if !self.coat.is_empty() && averages.material.iter().any(is_coated) {
+                let mut terms = [Glossy::default(); PATCH_POINTS];
+                let terms = &mut terms[..patch.points.len()];
+                let lobe = |i: usize| surfaces.coat(&averages, i, first + i);
+                shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, self.eye, terms);
+                for (coat, [base, rest]) in self.coat[range].iter_mut().zip(terms) {
+                    *coat = std::array::from_fn(|k| COAT_F0 * base[k] + rest[k]);
+                }
+            }
             shaded += patch.points.len();
         }
         shaded
@@ -111,13 +189,108 @@ impl<'a> Relighter<'a> {
     pub fn new(asset: &'a Asset) -> Self {
         let mut flags = Vec::with_capacity(asset.n_points());
         asset.patches.iter().for_each(|patch| flags.extend_from_slice(patch.points().flags));
-        Relighter {
+        let mut relighter = Relighter {
             asset,
             light: None,
+            coat: Vec::new(),
+            surfaces: Surfaces {
+                materials: asset.materials().to_vec(),
+                baked: asset.materials(),
+                tables: asset.tables().to_vec(),
+                details: Vec::new(),
+            },
+            accuracy: Accuracy::EXACT,
             irradiance: vec![[[0.0; 3]; 3]; asset.n_points()],
             glossy: vec![Glossy::default(); asset.n_points()],
             flags,
             is_lit: vec![false; asset.patches.len()],
+        };
+        relighter.fill_details(None);
+        relighter
+    }
+
+    /// Changes how exactly glossy light is computed; [`Accuracy::EXACT`] before.
+    pub fn set_accuracy(&mut self, accuracy: Accuracy) {
+        self.accuracy = accuracy;
+    }
+
+    /// Materials as they are now, as the asset numbers them.
+    pub fn materials(&self) -> &[Material] {
+        &self.surfaces.materials
+    }
+
+    /// Adds a measured table for [`Model::Measured`]; returns its number.
+    pub fn add_table(&mut self, table: Measured) -> u32 {
+        self.surfaces.tables.push(table);
+        self.surfaces.tables.len() as u32 - 1
+    }
+
+    /// Changes a material, without a new bake: model, colours, widths and textures of anything but normals and opacity. The next
+    /// [`Relighter::shade`] shows it; diffuse light stays. Averages over a point's footprint stay those of the baked textures.
+    ///
+    /// # Errors
+    /// A material or table that is not there, a value out of range, or a change of what was baked: sides, opacity, normal map, or another
+    /// roughness texture. Nothing is changed then.
+    pub fn set_material(&mut self, index: usize, material: Material) -> Result<(), RuntimeError> {
+        let error = |what: &str| RuntimeError::Material { name: material.name.clone(), what: what.to_string() };
+        let baked = self.surfaces.baked.get(index).ok_or_else(|| error("there is no material of that number"))?;
+        let opacity = |m: &Material| {
+            let cut = m.alpha_mode != AlphaMode::Opaque;
+            (m.alpha_mode, m.double_sided, m.occludes, cut.then_some((m.base_color[3], m.base_color_texture)))
+        };
+        if opacity(baked) != opacity(&material) {
+            return Err(error("its sides and its opacity are baked: they decide what blocks light"));
+        }
+        let normals = |m: &Material| m.normal_texture.map(|texture| (texture, m.normal_scale));
+        if normals(baked) != normals(&material) {
+            return Err(error("its normal map is baked into the points' mean normals"));
+        }
+        if material.metallic_roughness_texture.is_some() && material.metallic_roughness_texture != baked.metallic_roughness_texture {
+            return Err(error("its roughness texture is averaged by the bake: keep it or take it out"));
+        }
+        if material.textures().any(|texture| texture.texture as usize >= self.asset.textures().len() || texture.uv_set > 1) {
+            return Err(error("a texture is not in the asset"));
+        }
+        let unit = [
+            material.metallic,
+            material.roughness,
+            material.specular,
+            material.anisotropy,
+            material.clearcoat,
+            material.clearcoat_roughness,
+        ];
+        let aspect = if let Model::Ward { aspect } = material.model { aspect } else { 1.0 };
+        let mut positive = material.emissive.iter().chain(&material.specular_color).chain(std::slice::from_ref(&material.ior));
+        let in_range = unit.iter().chain(&material.base_color).all(|x| (0.0..=1.0).contains(x))
+            && positive.all(|x| (0.0..=f32::MAX).contains(x))
+            && (1e-3..=1e3).contains(&aspect)
+            && material.anisotropy_rotation.is_finite();
+        if !in_range {
+            return Err(error("a value is out of range: shares are 0..=1, colours not negative, aspect 0.001..=1000"));
+        }
+        if matches!(material.model, Model::Measured { table } if table as usize >= self.surfaces.tables.len()) {
+            return Err(error("its measured table is not there: add_table comes first"));
+        }
+        self.surfaces.materials[index] = material;
+        self.fill_details(Some(index));
+        Ok(())
+    }
+
+    /// Makes what materials need beyond the baked averages, and room for clear coats.
+    fn fill_details(&mut self, only: Option<usize>) {
+        let surfaces = &mut self.surfaces;
+        let of_all = surfaces.details.is_empty();
+        if of_all && !surfaces.materials.iter().any(has_detail) {
+            return;
+        }
+        surfaces.details.resize(self.asset.n_points(), Detail::default());
+        let textures = self.asset.textures();
+        for (at, object) in self.asset.objects.iter().enumerate() {
+            let details = &mut surfaces.details[object.points.clone()];
+            fill_details(&self.asset.mesh(at), &surfaces.materials, &textures, only.filter(|_| !of_all), details);
+        }
+        if surfaces.materials.iter().any(|material| material.clearcoat > 0.0) {
+            self.coat.resize(self.asset.n_points(), [0.0; 3]);
         }
     }
 
@@ -138,7 +311,9 @@ impl<'a> Relighter<'a> {
         assert!(wanted.is_none_or(|wanted| wanted.len() == self.irradiance.len()), "one flag per point");
         let asset = self.asset;
         let (irradiance, glossy) = (&mut self.irradiance[..], &mut self.glossy[..]);
-        Work { light, eye, wanted, patches: &asset.patches, is_lit: &mut self.is_lit, irradiance, glossy }.run()
+        let (surfaces, accuracy, coat) = (&self.surfaces, self.accuracy, &mut self.coat[..]);
+        let is_lit = &mut self.is_lit[..];
+        Work { light, surfaces, accuracy, eye, wanted, patches: &asset.patches, is_lit, irradiance, glossy, coat }.run()
     }
 
     /// `[points][channel][axis]` vector irradiance of the points shaded last, W·m⁻².
@@ -154,7 +329,7 @@ impl<'a> Relighter<'a> {
     /// Rasterises: what a camera sees does not depend on light, so a view can be kept while the camera is still.
     pub fn view(&self, camera: &Camera, size: [usize; 2], samples: usize) -> Result<View, RuntimeError> {
         let meshes = self.meshes();
-        let visibility = Visibility::new(&meshes, self.asset.materials(), &self.asset.textures(), camera, size, samples)?;
+        let visibility = Visibility::new(&meshes, self.materials(), &self.asset.textures(), camera, size, samples)?;
         let n_points: Vec<usize> = self.asset.objects.iter().map(|object| object.points.len()).collect();
         let points = visibility.visible_points(&meshes, &n_points).concat();
         Ok(View { visibility, points })
@@ -179,12 +354,12 @@ impl<'a> Relighter<'a> {
                 mesh,
                 irradiance: &self.irradiance[object.points.clone()],
                 glossy: &self.glossy[object.points.clone()],
-                coat: &[],
+                coat: if self.coat.is_empty() { &[] } else { &self.coat[object.points.clone()] },
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();
-        let (materials, textures) = (self.asset.materials(), self.asset.textures());
-        f(&DrawScene { objects: &objects, materials, textures: &textures, tables: &[], background, clay })
+        let (materials, textures) = (self.materials(), self.asset.textures());
+        f(&DrawScene { objects: &objects, materials, textures: &textures, tables: &self.surfaces.tables, background, clay })
     }
 
     fn meshes(&self) -> Vec<Mesh<'a>> {

@@ -183,7 +183,7 @@ fn tracer<'a>(
     options: &'a ReferenceOptions,
 ) -> Tracer<'a> {
     Tracer {
-        surfaces: Surfaces { scene, world, clay: options.clay, tables: &[], edge_lengths: &options.edge_lengths },
+        surfaces: Surfaces { scene, world, clay: options.clay, tables: &scene.tables, edge_lengths: &options.edge_lengths },
         occluders,
         see_through: see_through(scene, world),
         environment,

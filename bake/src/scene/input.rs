@@ -102,7 +102,7 @@ impl SceneInput {
             [] => file::load(&self.gltf_path(), self.manifest.scene.variant.as_deref(), &limits)?,
             parts => parts::load(parts, &self.folder, &limits)?,
         };
-        overrides::apply_materials(&self.manifest, &mut scene)?;
+        overrides::apply_materials(&self.manifest, &self.folder, &mut scene)?;
         let (knobs, warnings) = overrides::object_knobs(&self.manifest, &scene.objects)?;
         scene.warnings.extend(warnings);
         smooth::apply(&mut scene.objects, &knobs);

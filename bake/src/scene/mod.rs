@@ -43,6 +43,7 @@ pub mod world;
 
 pub use error::SceneError;
 
+use prelight_runtime::brdf::Measured;
 use prelight_runtime::draw::camera::SceneCamera;
 use prelight_runtime::surface::{Material, Texture};
 use std::sync::Arc;
@@ -57,6 +58,8 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Decoded textures; one per (image, encoding) in use.
     pub textures: Vec<Texture<'static>>,
+    /// Measured surfaces, as materials number them.
+    pub tables: Vec<Measured>,
     /// Cameras of the scene, world space. Empty in most files.
     pub cameras: Vec<SceneCamera>,
     /// Extras of asset, scene, nodes and materials, kept as they stood: `{"asset", "scene", "nodes": {path: extras}, "materials":

@@ -4,14 +4,19 @@
 //! (`*` stays within one step of it, `**` crosses steps), or, for a pattern without `/`, by the last step. In a scene of parts,
 //! materials are called `part/Name` and match by that or by `Name` alone. Where several rules match, the last one that sets a value
 //! wins. A rule that matches nothing is a warning: most often a slip of the pen.
+//!
+//! A `brdf` becomes the material's model: `diffuse` its base colour, `specular` its specular colour, widths and exponents its roughness
+//! (alpha = roughness²; Ward's two widths their mean and their aspect). A measured file is read once and kept as the scene's table.
 
 use super::{Object, Scene};
 use crate::error::BakeError;
 use globset::{GlobBuilder, GlobMatcher};
 use prelight_manifests::Technique;
 use prelight_manifests::quality::Knobs;
-use prelight_manifests::scene::{AlphaModeName, MaterialRule, SceneManifest};
-use prelight_runtime::surface::{AlphaMode, Material};
+use prelight_manifests::scene::{AlphaModeName, Brdf, MaterialRule, SceneManifest};
+use prelight_runtime::brdf::{Measured, phong};
+use prelight_runtime::surface::{AlphaMode, Material, Model};
+use std::path::Path;
 
 /// glTF's default cutoff of MASK.
 const DEFAULT_CUTOFF: f32 = 0.5;
@@ -46,21 +51,41 @@ fn object_matches(glob: &GlobMatcher, pattern: &str, name: &str) -> bool {
     glob.is_match(name) || (!pattern.contains('/') && glob.is_match(last))
 }
 
+/// Largest measured file that is read, bytes: a table of 12 million nodes.
+const MAX_TABLE_BYTES: u64 = 300 << 20;
+/// Share of a value that a measured table may lose for being smaller.
+const TABLE_TOLERANCE: f32 = 2e-3;
+
 /// Which objects a pattern matches, as `[[object]]` rules match; `field` names it in errors.
 pub fn matching_objects(field: &str, pattern: &str, objects: &[Object]) -> Result<Vec<bool>, BakeError> {
     let glob = matcher(field, pattern, true)?;
     Ok(objects.iter().map(|object| object_matches(&glob, pattern, &object.name)).collect())
 }
 
-/// Applies all `[[material]]` rules to the scene's materials; adds warnings for rules that match nothing.
-pub fn apply_materials(manifest: &SceneManifest, scene: &mut Scene) -> Result<(), BakeError> {
+/// Applies all `[[material]]` rules to the scene's materials; adds warnings for rules that match nothing. Files that rules name lie in
+/// `folder`.
+pub fn apply_materials(manifest: &SceneManifest, folder: &Path, scene: &mut Scene) -> Result<(), BakeError> {
+    let mut files: Vec<&str> = Vec::new();
     for (i, rule) in manifest.material.iter().enumerate() {
         let glob = matcher(&format!("material[{i}].match"), &rule.pattern, false)?;
         let own = |name: &str| !manifest.scene.part.is_empty() && name.split_once('/').is_some_and(|(_, own)| glob.is_match(own));
         let matches = |name: &str| glob.is_match(name) || own(name);
         let mut n_matches = 0;
+        let mut table = None;
         for material in scene.materials.iter_mut().filter(|material| matches(&material.name)) {
             apply(rule, material);
+            if let Some(Brdf::Measured { file }) = &rule.brdf {
+                let index = match (table, files.iter().position(|known| *known == file.as_str())) {
+                    (Some(index), _) | (None, Some(index)) => index,
+                    (None, None) => {
+                        scene.tables.push(read_table(&folder.join(file))?);
+                        files.push(file);
+                        files.len() - 1
+                    }
+                };
+                table = Some(index);
+                material.model = Model::Measured { table: index as u32 };
+            }
             n_matches += 1;
         }
         if n_matches == 0 {
@@ -70,7 +95,43 @@ pub fn apply_materials(manifest: &SceneManifest, scene: &mut Scene) -> Result<()
     Ok(())
 }
 
+fn read_table(file: &Path) -> Result<Measured, BakeError> {
+    let bytes = std::fs::metadata(file).map_err(|source| BakeError::input(file, source))?.len();
+    if bytes > MAX_TABLE_BYTES {
+        return Err(BakeError::Unsupported {
+            what: format!("{} is {bytes} bytes long, a measured table at most {MAX_TABLE_BYTES}", file.display()),
+            help: "is it a MERL .binary file?".to_string(),
+        });
+    }
+    let bytes = std::fs::read(file).map_err(|source| BakeError::input(file, source))?;
+    Ok(Measured::from_merl(&file.display().to_string(), &bytes)?.reduced(TABLE_TOLERANCE))
+}
+
+/// Model, colours and widths of a surface that glTF does not have.
+fn apply_brdf(brdf: &Brdf, material: &mut Material) {
+    let mut lobe = |model: Model, diffuse: &[f64; 3], specular: &[f64; 3], alpha: f64| {
+        material.model = model;
+        (0..3).for_each(|k| material.base_color[k] = diffuse[k] as f32);
+        material.specular_color = specular.map(|x| x as f32);
+        (material.specular, material.metallic, material.roughness) = (1.0, 0.0, alpha.sqrt() as f32);
+    };
+    match brdf {
+        Brdf::Lambert { diffuse } => lobe(Model::Lambert, diffuse, &[0.0; 3], 1.0),
+        Brdf::Phong { diffuse, specular, exponent } => lobe(Model::Phong, diffuse, specular, phong::alpha(*exponent)),
+        Brdf::BlinnPhong { diffuse, specular, exponent } => lobe(Model::BlinnPhong, diffuse, specular, phong::alpha(*exponent)),
+        Brdf::Ward { diffuse, specular, alpha: [x, y] } => {
+            lobe(Model::Ward { aspect: (x / y) as f32 }, diffuse, specular, (x * y).sqrt());
+        }
+        Brdf::CookTorrance { diffuse, specular, slope } => lobe(Model::CookTorrance, diffuse, specular, *slope),
+        // The table is the caller's to read.
+        Brdf::Measured { .. } => {}
+    }
+}
+
 fn apply(rule: &MaterialRule, material: &mut Material) {
+    if let Some(brdf) = &rule.brdf {
+        apply_brdf(brdf, material);
+    }
     if let Some(color) = &rule.base_color {
         for (to, from) in material.base_color.iter_mut().zip(color) {
             *to = *from as f32;
@@ -174,7 +235,7 @@ mod tests {
             match = "Vaze"
         "#;
         let mut scene = scene(&["Vase Red", "Vase Blue", "Floor", "Vase/Old"], &[]);
-        apply_materials(&manifest(rules), &mut scene).unwrap();
+        apply_materials(&manifest(rules), Path::new(""), &mut scene).unwrap();
         let [red, blue, floor, old] = &scene.materials[..] else { panic!() };
         assert_eq!((red.roughness, red.base_color, red.metallic), (0.25, [0.5, 0.25, 0.125, 1.0], 1.0));
         assert_eq!((blue.roughness, blue.base_color[0], blue.metallic), (0.75, 0.5, 0.0));
@@ -183,6 +244,36 @@ mod tests {
         assert_eq!(*floor, Material { name: "Floor".into(), ..Material::default() });
         assert_eq!(old.roughness, 0.25, "a slash in a material's name is a letter like any other");
         assert_eq!(scene.warnings, ["material[2].match = \"Vaze\" matches no material"]);
+    }
+
+    #[test]
+    fn surfaces_beyond_gltf_become_models_colours_and_roughness() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut bytes: Vec<u8> = [4i32, 2, 2].iter().flat_map(|n| n.to_le_bytes()).collect();
+        (0..48).for_each(|i| bytes.extend(f64::from(i).to_le_bytes()));
+        std::fs::write(folder.path().join("a.binary"), &bytes).unwrap();
+        let rules = r#"
+            [[material]]
+            match = "Ward"
+            brdf = { ward = { diffuse = [0.1, 0.2, 0.3], specular = [0.3, 0.2, 0.1], alpha = [0.08, 0.32] } }
+            [[material]]
+            match = "Shiny"
+            brdf = { phong = { diffuse = [0.1, 0.1, 0.1], specular = [0.5, 0.5, 0.5], exponent = 200 } }
+            [[material]]
+            match = "{One,Two}"
+            brdf = { measured = { file = "a.binary" } }
+        "#;
+        let mut scene = scene(&["Ward", "Shiny", "One", "Two"], &[]);
+        apply_materials(&manifest(rules), folder.path(), &mut scene).unwrap();
+        let [ward, shiny, one, two] = &scene.materials[..] else { panic!() };
+        let Model::Ward { aspect } = ward.model else { panic!("{ward:?}") };
+        assert!((aspect - 0.25).abs() < 1e-6 && (ward.roughness.powi(2) - 0.16).abs() < 1e-6);
+        assert_eq!((ward.base_color, ward.specular_color), ([0.1, 0.2, 0.3, 1.0], [0.3, 0.2, 0.1]));
+        assert!(shiny.model == Model::Phong && (phong::exponent(f64::from(shiny.roughness).powi(2)) - 200.0).abs() < 0.1);
+        assert_eq!((one.model, two.model, scene.tables.len()), (Model::Measured { table: 0 }, Model::Measured { table: 0 }, 1));
+        std::fs::write(folder.path().join("a.binary"), &bytes[..40]).unwrap();
+        let error = apply_materials(&manifest(rules), folder.path(), &mut scene).unwrap_err().to_string();
+        assert!(error.contains("a.binary") && error.contains("396"), "{error}");
     }
 
     #[test]

@@ -39,6 +39,7 @@ fn manifest() -> AssetManifest {
             objects: vec![object("root/Sofa", 10), object("root/Sofa#2", 30)],
             materials: descriptor(ChunkKind::Materials, 1),
             textures: vec![descriptor(ChunkKind::Texture, 2)],
+            brdfs: Vec::new(),
             cameras: descriptor(ChunkKind::Cameras, 3),
             names: descriptor(ChunkKind::Names, 4),
             bounds: [[-1.5, 0.0, 0.1], [2.0, 3.4028235e38, 1e-40]],

@@ -170,14 +170,42 @@ fn check_materials(manifest: &SceneManifest, checker: &Checker) -> Result<(), Ma
         checker.within(&field("metallic"), rule.metallic, 0.0, 1.0)?;
         checker.within(&field("alpha_cutoff"), rule.alpha_cutoff, 0.0, 1.0)?;
         if let Some(brdf) = &rule.brdf {
-            let what = match brdf {
-                Brdf::Ward { .. } => "the `ward` surface is not in this build yet",
-                Brdf::Phong { .. } => "the `phong` surface is not in this build yet",
-                Brdf::Measured { .. } => "the `measured` surface is not in this build yet",
-            };
-            let help = "take `brdf` out and set base_color, roughness and metallic";
-            return Err(checker.unsupported(&field("brdf"), what, help));
+            check_brdf(brdf, &field("brdf"), checker)?;
         }
     }
     Ok(())
+}
+
+/// Albedos in 0..=1 that do not sum to more, widths and exponents in their ranges.
+fn check_brdf(brdf: &Brdf, field: &str, checker: &Checker) -> Result<(), ManifestError> {
+    const BLACK: [f64; 3] = [0.0; 3];
+    let (diffuse, specular, widths, exponent) = match brdf {
+        Brdf::Lambert { diffuse } => (*diffuse, BLACK, [1.0; 2], 0.0),
+        Brdf::Ward { diffuse, specular, alpha } => (*diffuse, *specular, *alpha, 0.0),
+        Brdf::Phong { diffuse, specular, exponent } | Brdf::BlinnPhong { diffuse, specular, exponent } => {
+            (*diffuse, *specular, [1.0; 2], *exponent)
+        }
+        // The base gets what the facets leave.
+        Brdf::CookTorrance { diffuse, specular, slope } => {
+            if specular.iter().any(|x| !(0.0..=1.0).contains(x)) {
+                return Err(checker.range(&format!("{field}.specular"), format_args!("{specular:?}"), "three numbers in 0..=1"));
+            }
+            (*diffuse, BLACK, [*slope; 2], 0.0)
+        }
+        Brdf::Measured { file } => return checker.not_empty(&format!("{field}.file"), file),
+    };
+    for (name, color) in [("diffuse", diffuse), ("specular", specular)] {
+        if color.iter().any(|x| !(0.0..=1.0).contains(x)) {
+            return Err(checker.range(&format!("{field}.{name}"), format_args!("{color:?}"), "three numbers in 0..=1"));
+        }
+    }
+    // Decimal fractions that sum to 1 on paper may miss it by a rounding.
+    if (0..3).any(|k| diffuse[k] + specular[k] > 1.0 + 1e-6) {
+        let sum = format!("{:?}", [0, 1, 2].map(|k: usize| diffuse[k] + specular[k]));
+        return Err(checker.range(field, sum, "diffuse + specular of at most 1 per channel, or it returns more than it gets"));
+    }
+    for width in widths {
+        checker.within(field, Some(width), 1e-3, 1.0)?;
+    }
+    checker.within(&format!("{field}.exponent"), Some(exponent), 0.0, 1e6)
 }

@@ -180,17 +180,22 @@ pub enum AlphaModeName {
     Blend,
 }
 
-/// Surfaces beyond glTF.
+/// Surfaces beyond glTF. Textures of the glTF material still count: base colour multiplies `diffuse`, the roughness texture the widths.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Brdf {
+    /// The same radiance in every direction.
+    Lambert {
+        /// Linear diffuse albedo.
+        diffuse: [f64; 3],
+    },
     /// Ward's anisotropic lobe over a Lambert base.
     Ward {
         /// Linear diffuse albedo.
         diffuse: [f64; 3],
         /// Linear specular albedo.
         specular: [f64; 3],
-        /// Widths along tangent and bitangent.
+        /// Widths along tangent and bitangent, 0.001 to 1.
         alpha: [f64; 2],
     },
     /// Normalised Phong lobe over a Lambert base.
@@ -199,8 +204,26 @@ pub enum Brdf {
         diffuse: [f64; 3],
         /// Linear specular albedo.
         specular: [f64; 3],
-        /// Exponent of the cosine.
+        /// Exponent of the cosine, 0 to 1000000.
         exponent: f64,
+    },
+    /// Normalised Blinn-Phong lobe over a Lambert base.
+    BlinnPhong {
+        /// Linear diffuse albedo.
+        diffuse: [f64; 3],
+        /// Linear specular albedo.
+        specular: [f64; 3],
+        /// Exponent of the cosine of the half vector, 0 to 1000000.
+        exponent: f64,
+    },
+    /// Beckmann facets with Schlick's Fresnel factor over a Lambert base, which gets what the facets leave.
+    CookTorrance {
+        /// Linear diffuse albedo.
+        diffuse: [f64; 3],
+        /// Linear reflectance along the normal.
+        specular: [f64; 3],
+        /// Root mean square slope of the facets, 0.001 to 1.
+        slope: f64,
     },
     /// A measured isotropic material.
     Measured {

@@ -129,9 +129,7 @@ fn values_out_of_range_name_field_place_and_what_may_stand_there() {
 
 #[test]
 fn what_this_build_cannot_do_is_named_with_a_way_out() {
-    let brdf = "[[material]]\nmatch = \"a\"\nbrdf = { ward = { diffuse = [0.1,0.1,0.1], specular = [0.3,0.3,0.3], alpha = [0.08, 0.25] } }";
     let cases = [
-        (with(brdf), "scene.toml:6:8: the `ward` surface is not in this build yet"),
         ("format = 1\n[scene]\n".to_string(), "[scene] names no file"),
         ("format = 1\n[scene]\nvariant = \"b\"\n".to_string(), "a variant of parts"),
         ("format = 1\n[scene]\ngltf = \"a\"\n[[scene.part]]\ngltf = \"b\"\nname = \"c\"\n".to_string(), "both `gltf` and `part`"),
@@ -295,4 +293,20 @@ fn nearest_word_is_near_or_none() {
         assert_eq!(nearest(found, &known), near, "{found}");
     }
     assert_eq!(nearest("x", &[]), None);
+}
+
+#[test]
+fn surfaces_that_return_more_than_they_get_or_have_no_width_are_refused() {
+    let brdf = "[[material]]\nmatch = \"a\"\nbrdf = { ward = { diffuse = [0.1,0.1,0.1], specular = [0.3,0.3,0.3], alpha = [0.08, 0.25] } }";
+    assert!(SceneManifest::parse("scene.toml", &with(brdf)).is_ok());
+    let cases = [
+        ("0.08", "0.0", "0.001..=1"),
+        ("0.25", "1.5", "0.001..=1"),
+        ("[0.3,0.3,0.3]", "[0.95,0.3,0.3]", "at most 1 per channel"),
+        ("[0.1,0.1,0.1]", "[0.1,-0.1,0.1]", "three numbers in 0..=1"),
+    ];
+    for (from, to, what) in cases {
+        let error = SceneManifest::parse("scene.toml", &with(&brdf.replace(from, to))).expect_err(to);
+        assert!(matches!(error, ManifestError::Range { .. }) && error.to_string().contains(what), "{error}");
+    }
 }

@@ -8,9 +8,10 @@ use super::mesh::Mesh;
 use super::points::Points;
 use super::surface::PointSurfaces;
 use crate::block_product::visibility::Visibility;
+use crate::brdf::Measured;
 use crate::draw::camera::SceneCamera;
 use crate::error::RuntimeError;
-use crate::surface::{Material, Texture};
+use crate::surface::{Material, Model, Texture};
 use prelight_manifests::{AssetManifest, Descriptor, Digest};
 use prelight_store::{Chunk, ChunkSource};
 use std::ops::Range;
@@ -22,6 +23,7 @@ pub struct Asset {
     materials: Vec<Material>,
     cameras: Vec<SceneCamera>,
     textures: Vec<Chunk>,
+    tables: Vec<Measured>,
     /// Objects in the manifest's order.
     pub objects: Vec<AssetObject>,
     /// Patches of all objects, object after object.
@@ -73,6 +75,8 @@ impl Asset {
         for (chunk, descriptor) in textures.iter().zip(&content.textures) {
             Texture::from_chunk(chunk).map_err(|error| named(error, descriptor))?;
         }
+        let table = |descriptor: &Descriptor| Measured::from_chunk(&source.chunk(descriptor)?).map_err(|error| named(error, descriptor));
+        let tables = content.brdfs.iter().map(table).collect::<Result<Vec<_>, RuntimeError>>()?;
         let (mut objects, mut patches, mut wanted) = (Vec::new(), Vec::new(), Vec::new());
         let mut n_points = 0;
         for object in &content.objects {
@@ -100,7 +104,7 @@ impl Asset {
         #[cfg(not(feature = "parallel"))]
         patches.extend(wanted.iter().map(open));
         let patches = patches.into_iter().collect::<Result<Vec<AssetPatch>, RuntimeError>>()?;
-        let asset = Asset { materials, cameras, textures, objects, patches, manifest };
+        let asset = Asset { materials, cameras, textures, tables, objects, patches, manifest };
         asset.check_references()?;
         Ok(asset)
     }
@@ -123,6 +127,11 @@ impl Asset {
     /// Textures, as materials number them.
     pub fn textures(&self) -> Vec<Texture<'_>> {
         self.textures.iter().map(|chunk| Texture::from_chunk(chunk).expect(PROVEN)).collect()
+    }
+
+    /// Measured surfaces, as materials number them.
+    pub fn tables(&self) -> &[Measured] {
+        &self.tables
     }
 
     /// Points of all objects.
@@ -154,6 +163,9 @@ impl Asset {
         for material in &self.materials {
             if material.textures().any(|reference| reference.texture >= textures || reference.uv_set > 1) {
                 return error("materials", format!("material {:?} names a texture that is not there", material.name));
+            }
+            if matches!(material.model, Model::Measured { table } if table as usize >= self.tables.len()) {
+                return error("materials", format!("material {:?} names a measured table that is not there", material.name));
             }
         }
         for (o, object) in self.objects.iter().enumerate() {

@@ -5,10 +5,10 @@
 //! glossy    B[s][c]  = Σ_open (∫_texel L_c dω) · g_s(l_texel)         s = 0 the factor of F0, s = 1 the rest
 //! ```
 //!
-//! g is `block_product::brdf::TexelLobe`, the GGX lobe as a cubemap of this size can hold it. Nothing else is approximated: what a
+//! g is `block_product::brdf::TexelLobe`, the lobe as a cubemap of this size can hold it. Nothing else is approximated: what a
 //! technique loses on the same texels and the same bits is its distance from here.
 
-use crate::block_product::brdf::TexelLobe;
+use crate::block_product::brdf::{PointLobe, TexelLobe};
 use crate::environment::LightCubemap;
 use crate::sphere::cubemap::{texel_solid_angle, texel_unit_direction};
 
@@ -25,26 +25,37 @@ pub fn diffuse(light: &LightCubemap, open: &[u64]) -> [[f64; 3]; 3] {
     sum
 }
 
-/// Glossy radiance `[term][channel]` toward `v` of a surface with normal `n`, both unit: the factor of F0, and the rest.
+/// Glossy radiance `[term][channel]` toward `v` of an isotropic GGX surface with normal `n`, both unit: the factor of F0, and the rest.
 ///
 /// `open`: one point's words.
 pub fn glossy(light: &LightCubemap, open: &[u64], n: [f32; 3], v: [f32; 3], roughness: f32) -> [[f64; 3]; 2] {
+    lobe(light, open, &PointLobe::ggx(n, roughness), v)
+}
+
+/// Glossy radiance `[term][channel]` toward the unit `v` of any lobe: the factors of F0 and F90. `open`: one point's words.
+pub fn lobe(light: &LightCubemap, open: &[u64], point: &PointLobe, v: [f32; 3]) -> [[f64; 3]; 2] {
     let (face_resolution, flux) = (light.face_resolution, &light.flux);
     assert_eq!(flux.len(), 64 * open.len(), "one bit per texel");
-    let mut lobe = TexelLobe::new(n, v, roughness, face_resolution);
-    if lobe.needs_normalising() {
-        let energy =
-            (0..flux.len()).map(|texel| lobe.value(direction(face_resolution, texel))[2] * solid_angle(face_resolution, texel)).sum();
-        lobe.normalise(energy);
-    }
+    let lobe = normalised(point, v, face_resolution);
     let mut sum = [[0.0; 3]; 2];
     for texel in open_texels(open) {
-        let value = lobe.value(direction(face_resolution, texel));
+        let value = lobe.terms(direction(face_resolution, texel));
         for term in 0..2 {
-            (0..3).for_each(|channel| sum[term][channel] += f64::from(flux[texel][channel]) * value[term]);
+            (0..3).for_each(|channel| sum[term][channel] += f64::from(flux[texel][channel]) * value[term][channel]);
         }
     }
     sum
+}
+
+/// The lobe of a point with its energy over all texels.
+pub fn normalised<'a>(point: &PointLobe<'a>, v: [f32; 3], face_resolution: usize) -> TexelLobe<'a> {
+    let mut lobe = TexelLobe::new(point, v, face_resolution);
+    if lobe.needs_normalising() {
+        let texels = 6 * face_resolution * face_resolution;
+        let energy = (0..texels).map(|texel| lobe.value(direction(face_resolution, texel)) * solid_angle(face_resolution, texel)).sum();
+        lobe.normalise(energy);
+    }
+    lobe
 }
 
 fn open_texels(open: &[u64]) -> impl Iterator<Item = usize> + '_ {

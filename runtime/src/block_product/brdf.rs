@@ -1,80 +1,215 @@
-//! The GGX lobe as a cubemap can hold it: as narrow as its texels, with the energy of the lobe it stands for.
+//! A lobe as a cubemap can hold it: as narrow as its texels, with the energy of the lobe it stands for.
 //!
 //! A lobe is taken at the texels' centres. One narrower than a texel would be seen by no centre or counted many times over, so it is widened by
 //! a texel's footprint. A step dl of the light direction moves the half vector by dl/2 in the plane of incidence and by dl/(2 n·v)
-//! across it; with w = [`FOOTPRINT`] · 2/n, the side of a texel at the centre of a face, the widened lobe is the anisotropic
+//! across it. With w = [`FOOTPRINT`] · 2/n, the side of a texel at the centre of a face, and A the matrix of squared widths in the plane of
+//! slopes (diag(a_x², a_y²) in the frame of tangent and bitangent),
 //!
 //! ```text
-//! a_x² = a² + (w/2)²                    in the plane of incidence
-//! a_y² = min(1, a² + (w/(2 n·v))²)      across
-//! D(h) = 1 / (π a_x a_y (h_x²/a_x² + h_y²/a_y² + h_z²)²)
+//! A' = A + diag((w/2)², (w/(2 n·v))²)       the second in the frame of incidence; widths and axes of the widened lobe are its
+//!                                           eigenvalues, at most 1, and eigenvectors
+//! 1/s' = 1/s + w²/2                         Phong, whose power falls off in l itself
 //! ```
 //!
-//! with G2 of the unwidened alpha. What the horizon and the lattice then take or add is given back by one factor per point,
-//! E(n·v, a) / Σ_texels Ω g(l), E being `brdf::ggx::albedo_terms` at F0 = 1. It fades out where alpha² is widened by less than a fifth: from
-//! there on the plain sum is right within 2 % (tested), and dark texels need not be visited.
+//! Shadowing (G2) keeps the unwidened widths. With H = v + l not normalised, in the frame (x, y, n) of the eigenvectors, c = 1/width²,
+//! t = (c_x H_x² + c_y H_y²)/H_z²:
 //!
-//! In the frame (x, y, n) with H = v + l not normalised, |H|² = hh, q = H_x²/a_x² + H_y²/a_y² + H_z²:
-//! D = hh²/(π a_x a_y q²) and v·h = √hh / 2, so neither a half vector nor v·l is ever formed.
+//! ```text
+//! GGX            gain · n·l · |H|⁴ / (q² (n·l S(v) + n·v S(l)))      q = c_x H_x² + c_y H_y² + H_z²,  gain = 1/(2π a_x a_y)
+//! Ward           gain · n·l · |H|²/H_z⁴ · exp(−t)                    gain = 1/(π a_x a_y)
+//! Cook-Torrance  gain · |H|⁴/H_z⁴ · exp(−t) · min(1, 4 H_z min(n·v, n·l)/|H|²)        gain = 1/(4π m² n·v)
+//! Blinn-Phong    gain · n·l · (1 + t)^(−s/2)                         c = s'/s, gain = N(s) √(s_x s_y)/s
+//! Phong          gain · n·l · (1 − |l − r|²/2)ˢ                      gain = (s + 2)/(2π)
+//! ```
 //!
-//! Lossy: reflections are blurred by about a texel (1.3° at 64²).
+//! v·h = |H|/2, so neither a half vector nor v·l is ever formed. What the horizon and the lattice then take or add is given back by one
+//! factor per point, E / Σ_texels Ω g(l), E being the lobe's directional albedo at F0 = 1. It fades out where squared widths grow by less than a
+//! fifth: from there on the plain sum is right within 2 % (tested), and dark texels need not be visited.
+//!
+//! Lossy: reflections are blurred by about a texel (1.3° at 64²). Measured lobes are taken as they are.
 
-use crate::brdf::{dot, ggx};
-use crate::sphere::frame::tangents;
+use crate::brdf::{Lobe, Measured, blinn_phong, cross, dot, ggx, phong};
 use std::f64::consts::PI;
 
 /// Width of the added footprint in texels.
 pub const FOOTPRINT: f64 = 1.0;
-/// Relative widening of alpha² at which normalising begins, and beyond which it is full.
+/// Relative widening of squared widths at which normalising begins, and beyond which it is full.
 const NORMALISING: [f64; 2] = [0.1, 0.2];
+
+/// What a point reflects with: a lobe, and how it stands in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointLobe<'a> {
+    /// The lobe.
+    pub lobe: Lobe<'a>,
+    /// Unit normal of the lobe.
+    pub normal: [f32; 3],
+    /// Direction of an anisotropic lobe's first width; need not be perpendicular to the normal. Zero: any.
+    pub tangent: [f32; 3],
+}
+
+impl PointLobe<'_> {
+    /// An isotropic GGX lobe of a perceptual roughness.
+    pub fn ggx(normal: [f32; 3], roughness: f32) -> Self {
+        PointLobe { lobe: Lobe::Ggx { alpha: [ggx::alpha(roughness); 2] }, normal, tangent: [0.0; 3] }
+    }
+}
+
+/// Which formula of the module head.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// Black.
+    None,
+    /// [`ggx`], one width or two.
+    Ggx,
+    /// [`crate::brdf::ward`].
+    Ward,
+    /// [`crate::brdf::cook_torrance`].
+    CookTorrance,
+    /// [`blinn_phong`].
+    BlinnPhong,
+    /// [`phong`].
+    Phong,
+    /// [`crate::brdf::measured`].
+    Measured,
+}
 
 /// The lobe of one point seen from one direction. Frame vectors are rows.
 #[derive(Clone, Copy, Debug)]
-pub struct TexelLobe {
-    /// x in the plane of incidence toward the viewer, y across, n.
+pub struct TexelLobe<'a> {
+    /// The formula.
+    pub shape: Shape,
+    /// x, y along the widths, n. x lies in the plane of incidence, toward the viewer, where the lobe has no axes of its own.
     pub frame: [[f64; 3]; 3],
-    /// View direction in the frame, (sin, 0, cos).
+    /// View direction in the frame.
     pub view: [f64; 3],
-    /// 1 / a_x², 1 / a_y².
+    /// c_x, c_y of the module head.
     pub inverse_width: [f64; 2],
-    /// Squared alpha of the Smith terms.
-    pub alpha2: f64,
-    /// S(n·v).
+    /// Squares of the unwidened widths as a form: xx, 2·xy, yy. S(l)² = n·l² + xx·x² + 2xy·xy + yy·y².
+    pub smith: [f64; 3],
+    /// S(v).
     pub smith_view: f64,
-    /// scale / (2π a_x a_y).
+    /// s of the powers.
+    pub exponent: f64,
+    /// Factor of everything.
     pub gain: f64,
-    /// Directional albedo of the lobe at F0 = 1.
+    /// The table of a measured lobe.
+    pub table: Option<&'a Measured>,
+    /// Directional albedo of the lobe at F0 = F90 = 1, the mean of the channels.
     albedo: f64,
     /// 0 as it is .. 1 normalised.
     normalising: f64,
 }
 
-impl TexelLobe {
-    /// The lobe before normalising. `n` and `v` unit; `v` below the horizon of n is lifted ([`ggx::lift_view`]).
-    pub fn new(n: [f32; 3], v: [f32; 3], roughness: f32, face_resolution: usize) -> Self {
-        let n64 = n.map(f64::from);
-        let v = ggx::lift_view(n64, v.map(f64::from));
-        let n_dot_v = dot(n64, v);
-        let along: [f64; 3] = std::array::from_fn(|k| v[k] - n_dot_v * n64[k]);
+impl<'a> TexelLobe<'a> {
+    /// The lobe before normalising. `v` unit; below the horizon of the normal it is lifted ([`ggx::lift_view`]).
+    pub fn new(point: &PointLobe<'a>, v: [f32; 3], face_resolution: usize) -> Self {
+        let n = point.normal.map(f64::from);
+        let v = ggx::lift_view(n, v.map(f64::from));
+        let n_dot_v = dot(n, v);
+        let along: [f64; 3] = std::array::from_fn(|k| v[k] - n_dot_v * n[k]);
         let sine = dot(along, along).sqrt();
-        // Seen along the normal the lobe is round: any tangent will do.
-        let x = if sine < 1e-4 { tangents(n).0.map(f64::from) } else { along.map(|c| c / sine) };
-        let y = crate::brdf::cross(n64, x);
-        let alpha = ggx::alpha(roughness);
-        let alpha2 = alpha * alpha;
-        let footprint = FOOTPRINT * 2.0 / face_resolution as f64;
-        let widths = [footprint / 2.0, footprint / (2.0 * n_dot_v)].map(|w| (alpha2 + w * w).min(1.0));
-        let widening = widths[0].max(widths[1]) / alpha2 - 1.0;
-        TexelLobe {
-            frame: [x, y, n64],
+        // Seen along the normal any direction lies in the plane of incidence.
+        let x = if sine < 1e-4 { crate::brdf::tangents(n).0 } else { along.map(|c| c / sine) };
+        let y = cross(n, x);
+        let side = FOOTPRINT * 2.0 / face_resolution as f64;
+        let footprint = [side / 2.0, side / (2.0 * n_dot_v)].map(|w| w * w);
+        let mut lobe = TexelLobe {
+            shape: Shape::None,
+            frame: [x, y, n],
             view: [sine, 0.0, n_dot_v],
-            inverse_width: widths.map(|width| 1.0 / width),
-            alpha2,
-            smith_view: ggx::smith_root(alpha, n_dot_v),
-            gain: 0.5 / (PI * (widths[0] * widths[1]).sqrt()),
-            albedo: ggx::albedo_terms(n_dot_v as f32, roughness).iter().map(|term| f64::from(*term)).sum(),
-            normalising: ((widening - NORMALISING[0]) / (NORMALISING[1] - NORMALISING[0])).clamp(0.0, 1.0),
+            inverse_width: [1.0; 2],
+            smith: [0.0; 3],
+            smith_view: n_dot_v,
+            exponent: 0.0,
+            gain: 0.0,
+            table: None,
+            albedo: 0.0,
+            normalising: 0.0,
+        };
+        let mut widening = 0.0;
+        // v in the frame that the widths are given in.
+        let mut own_view = lobe.view;
+        match point.lobe {
+            Lobe::None => {}
+            Lobe::Ggx { alpha } => {
+                (lobe.shape, own_view) = (Shape::Ggx, lobe.align(point, alpha));
+                let widths = lobe.widen(footprint, &mut widening);
+                let [vx, vy, vz] = lobe.view;
+                lobe.smith_view = (vz * vz + lobe.smith[0] * vx * vx + lobe.smith[1] * vx * vy + lobe.smith[2] * vy * vy).sqrt();
+                lobe.gain = 0.5 / (PI * (widths[0] * widths[1]).sqrt());
+            }
+            Lobe::Ward { alpha } => {
+                (lobe.shape, own_view) = (Shape::Ward, lobe.align(point, alpha));
+                let widths = lobe.widen(footprint, &mut widening);
+                lobe.gain = 1.0 / (PI * (widths[0] * widths[1]).sqrt());
+            }
+            Lobe::CookTorrance { slope } => {
+                lobe.shape = Shape::CookTorrance;
+                lobe.align(point, [slope; 2]);
+                let widths = lobe.widen(footprint, &mut widening);
+                lobe.gain = 0.25 / (PI * (widths[0] * widths[1]).sqrt() * n_dot_v);
+            }
+            Lobe::BlinnPhong { exponent } => {
+                lobe.shape = Shape::BlinnPhong;
+                lobe.exponent = exponent;
+                lobe.inverse_width = footprint.map(|f| 1.0 / (1.0 + 0.5 * exponent * f));
+                lobe.gain = blinn_phong::normalisation(exponent) * (lobe.inverse_width[0] * lobe.inverse_width[1]).sqrt();
+                widening = 0.5 * exponent * footprint[1];
+            }
+            Lobe::Phong { exponent } => {
+                lobe.shape = Shape::Phong;
+                widening = 0.5 * exponent * side * side;
+                lobe.exponent = exponent / (1.0 + widening);
+                lobe.gain = (lobe.exponent + 2.0) / (2.0 * PI);
+            }
+            Lobe::Measured(table) => {
+                (lobe.shape, lobe.table, lobe.gain) = (Shape::Measured, Some(table), 1.0);
+            }
         }
+        lobe.normalising = ((widening - NORMALISING[0]) / (NORMALISING[1] - NORMALISING[0])).clamp(0.0, 1.0);
+        let terms = point.lobe.albedo_terms(own_view);
+        lobe.albedo = terms.as_flattened().iter().map(|term| f64::from(*term)).sum::<f64>() / 3.0;
+        lobe
+    }
+
+    /// Sets the form of the squared widths in the frame of incidence; returns the view in the frame of the widths.
+    fn align(&mut self, point: &PointLobe, alpha: [f64; 2]) -> [f64; 3] {
+        let [a, b] = alpha.map(|width| width * width);
+        let t = point.tangent.map(f64::from);
+        let (cx, cy) = (dot(t, self.frame[0]), dot(t, self.frame[1]));
+        let length = (cx * cx + cy * cy).sqrt();
+        if a == b || length < 1e-6 {
+            self.smith = [a, 0.0, b];
+            return self.view;
+        }
+        let (c, s) = (cx / length, cy / length);
+        self.smith = [a * c * c + b * s * s, 2.0 * (a - b) * c * s, a * s * s + b * c * c];
+        // v has no y in the frame of incidence; the tangent stands at the angle (c, s) from its x.
+        [self.view[0] * c, -self.view[0] * s, self.view[2]]
+    }
+
+    /// Adds the footprint to the form, turns the frame to the axes of the sum, and returns the squared widths.
+    fn widen(&mut self, footprint: [f64; 2], widening: &mut f64) -> [f64; 2] {
+        let [xx, xy, yy] = [self.smith[0], 0.5 * self.smith[1], self.smith[2]];
+        let determinant = (xx * yy - xy * xy).max(f64::MIN_POSITIVE);
+        *widening = (footprint[0] * yy / determinant).max(footprint[1] * xx / determinant);
+        let (wx, wy) = (xx + footprint[0], yy + footprint[1]);
+        if xy == 0.0 {
+            let widths = [wx.min(1.0), wy.min(1.0)];
+            self.inverse_width = widths.map(|width| 1.0 / width);
+            return widths;
+        }
+        let angle = 0.5 * libm::atan2(2.0 * xy, wx - wy);
+        let (s, c) = (libm::sin(angle), libm::cos(angle));
+        let turn = |a: [f64; 3], b: [f64; 3], p: f64, q: f64| std::array::from_fn(|k| p * a[k] + q * b[k]);
+        let [x, y, n] = self.frame;
+        self.frame = [turn(x, y, c, s), turn(x, y, -s, c), n];
+        self.view = [c * self.view[0], -s * self.view[0], self.view[2]];
+        let cross = c * s * (yy - xx) + xy * (c * c - s * s);
+        self.smith = [c * c * xx + 2.0 * c * s * xy + s * s * yy, 2.0 * cross, s * s * xx - 2.0 * c * s * xy + c * c * yy];
+        let widths = [c * c * wx + 2.0 * c * s * xy + s * s * wy, s * s * wx - 2.0 * c * s * xy + c * c * wy].map(|width| width.min(1.0));
+        self.inverse_width = widths.map(|width| 1.0 / width);
+        widths
     }
 
     /// Whether [`TexelLobe::normalise`] would change anything.
@@ -82,30 +217,59 @@ impl TexelLobe {
         self.normalising > 0.0
     }
 
-    /// Directional albedo at F0 = 1, the energy that the lobe stands for.
+    /// Directional albedo at F0 = F90 = 1, the energy that the lobe stands for.
     pub fn albedo(&self) -> f64 {
         self.albedo
     }
 
-    /// Gives the lobe its energy; `sum` is Σ Ω·value\[2\] over all texels, hidden ones too, before.
+    /// Gives the lobe its energy; `sum` is Σ Ω·value over all texels, hidden ones too, before.
     pub fn normalise(&mut self, sum: f64) {
         if sum > 0.0 {
             self.gain *= 1.0 + (self.albedo / sum - 1.0) * self.normalising;
         }
     }
 
-    /// Value at a unit direction, n·l included: the factor of F0, the rest, and their sum. 0 where n·l ≤ 0.
-    pub fn value(&self, l: [f64; 3]) -> [f64; 3] {
+    /// Value at a unit direction, n·l included, at F0 = F90 = 1, of a lobe without colour. 0 where n·l ≤ 0.
+    pub fn value(&self, l: [f64; 3]) -> f64 {
         let [x, y, z] = self.frame.map(|axis| dot(axis, l));
         if z <= 0.0 {
-            return [0.0; 3];
+            return 0.0;
         }
-        let h = [x + self.view[0], y, z + self.view[2]];
-        let q = h[0] * h[0] * self.inverse_width[0] + h[1] * h[1] * self.inverse_width[1] + h[2] * h[2];
-        let hh = dot(h, h);
-        let smith_light = (self.alpha2 + (1.0 - self.alpha2) * z * z).sqrt();
-        let lobe = self.gain * hh * hh * z / (q * q * (z * self.smith_view + self.view[2] * smith_light));
-        let s = ggx::schlick(0.5 * hh.sqrt());
-        [lobe * (1.0 - s), lobe * s, lobe]
+        let [vx, vy, vz] = self.view;
+        let h = [x + vx, y + vy, z + vz];
+        let (hh, z2) = (dot(h, h), h[2] * h[2]);
+        let spread = h[0] * h[0] * self.inverse_width[0] + h[1] * h[1] * self.inverse_width[1];
+        self.gain
+            * match self.shape {
+                Shape::None => 0.0,
+                Shape::Ggx => {
+                    let q = spread + z2;
+                    let smith_light = (z * z + self.smith[0] * x * x + self.smith[1] * x * y + self.smith[2] * y * y).sqrt();
+                    hh * hh * z / (q * q * (z * self.smith_view + vz * smith_light))
+                }
+                Shape::Ward => z * hh / (z2 * z2) * libm::exp(-spread / z2),
+                Shape::CookTorrance => {
+                    let grooves = (4.0 * h[2] * z.min(vz) / hh).min(1.0);
+                    hh * hh / (z2 * z2) * libm::exp(-spread / z2) * grooves
+                }
+                Shape::BlinnPhong => z * libm::exp(-0.5 * self.exponent * libm::log1p(spread / z2)),
+                Shape::Phong => z * phong::power(self.view, [x, y, z], self.exponent),
+                Shape::Measured => self.table.map_or([0.0; 3], |table| table.value(self.view, [x, y, z])).iter().sum::<f64>() / 3.0,
+            }
+    }
+
+    /// Value at a unit direction as the factors of F0 and F90, `[term][channel]`, n·l included.
+    pub fn terms(&self, l: [f64; 3]) -> [[f64; 3]; 2] {
+        if let (Shape::Measured, Some(table)) = (self.shape, self.table) {
+            return [[0.0; 3], table.value(self.view, self.frame.map(|axis| dot(axis, l))).map(|x| x * self.gain)];
+        }
+        let value = self.value(l);
+        let share = if matches!(self.shape, Shape::Ggx | Shape::CookTorrance) {
+            let sum: [f64; 3] = std::array::from_fn(|k| dot(self.frame[k], l) + self.view[k]);
+            ggx::schlick(0.5 * dot(sum, sum).sqrt())
+        } else {
+            0.0
+        };
+        [[value * (1.0 - share); 3], [value * share; 3]]
     }
 }

@@ -64,7 +64,7 @@ fn about(axis: [f64; 3], local: [f64; 3]) -> [f64; 3] {
 }
 
 /// `sphere::frame::tangents` in f64: frames of f32 are off by 1e-7, which a lobe of s = 10⁵ would see.
-fn tangents(n: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+pub(crate) fn tangents(n: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     let sign = 1.0f64.copysign(n[2]);
     let a = -1.0 / (sign + n[2]);
     let b = n[0] * n[1] * a;

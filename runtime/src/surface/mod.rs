@@ -1,5 +1,6 @@
 //! Surfaces: materials and textures, the same code for drawing, the oracle, the reference and alpha cut-outs in a bake.
 
+pub mod detail;
 pub mod material;
 pub mod resolve;
 pub mod texture;

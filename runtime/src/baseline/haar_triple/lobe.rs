@@ -8,7 +8,7 @@
 
 use super::simd;
 use crate::block_product::SimdPath;
-use crate::block_product::brdf::TexelLobe;
+use crate::block_product::brdf::{PointLobe, TexelLobe};
 use crate::sphere::cubemap::{row_major_from_hilbert, texel_solid_angle, texel_unit_direction};
 
 /// Directions of a cubemap in Hilbert order, and room for the values of one point.
@@ -55,12 +55,12 @@ impl LobeSampler {
 
     /// Values `[function][6·n²]` in Hilbert order of a surface with normal `n` seen from `v`, both unit.
     pub fn sample(&mut self, path: SimdPath, n: [f32; 3], v: [f32; 3], roughness: f32) -> [&[f32]; 3] {
-        let lobe = TexelLobe::new(n, v, roughness, self.face_resolution);
+        let lobe = TexelLobe::new(&PointLobe::ggx(n, roughness), v, self.face_resolution);
         let coefficients = Coefficients {
             frame: lobe.frame.map(|axis| axis.map(|x| x as f32)),
             view: [lobe.view[0] as f32, lobe.view[2] as f32],
             inverse_width: lobe.inverse_width.map(|x| x as f32),
-            alpha2: lobe.alpha2 as f32,
+            alpha2: lobe.smith[0] as f32,
             smith_view: lobe.smith_view as f32,
             gain: lobe.gain as f32,
         };

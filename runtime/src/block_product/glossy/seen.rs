@@ -1,0 +1,92 @@
+//! Which blocks a point sees, and which texels of a block.
+
+use super::super::lanes::WIDTH;
+use super::super::visibility::{MAX_BLOCKS, PointVisibility};
+
+/// Bit b of group g is block 16·g + b. Kept on the stack of one call.
+pub(super) struct Seen {
+    /// Groups of blocks in use.
+    pub groups: usize,
+    /// Fully open blocks.
+    pub open: [u16; MAX_BLOCKS / WIDTH],
+    /// Blocks with transitions inside.
+    pub mixed: [u16; MAX_BLOCKS / WIDTH],
+    /// Of a block with transitions: where its positions start, how many there are, and the bit before the first.
+    first: [u32; MAX_BLOCKS],
+    count: [u16; MAX_BLOCKS],
+    before: [bool; MAX_BLOCKS],
+}
+
+impl Seen {
+    /// Nothing is seen yet.
+    pub fn new() -> Self {
+        Seen {
+            groups: 0,
+            open: [0; MAX_BLOCKS / WIDTH],
+            mixed: [0; MAX_BLOCKS / WIDTH],
+            first: [0; MAX_BLOCKS],
+            count: [0; MAX_BLOCKS],
+            before: [false; MAX_BLOCKS],
+        }
+    }
+
+    /// All of so many blocks.
+    pub fn everything(blocks: usize) -> Self {
+        let mut seen = Seen { groups: blocks / WIDTH, ..Seen::new() };
+        seen.open[..blocks / WIDTH].fill(u16::MAX);
+        seen
+    }
+
+    /// What a point sees.
+    pub fn set(&mut self, point: &PointVisibility) {
+        self.groups = 2 * point.blocks.len();
+        let (mut at, mut first, mut state) = (0, 0u32, false);
+        for (word, bits) in point.blocks.iter().enumerate() {
+            // Bit b of `ends`: what holds from block b on, until the next block with transitions.
+            let (mut rest, mut odd) = (*bits, 0u32);
+            let begin = state;
+            while rest != 0 {
+                let bit = rest.trailing_zeros();
+                rest &= rest - 1;
+                let block = 32 * word + bit as usize;
+                let count = u16::from(point.counts[at]) + 1;
+                (self.first[block], self.count[block], self.before[block]) = (first, count, state);
+                at += 1;
+                first += u32::from(count);
+                if count % 2 == 1 {
+                    state = !state;
+                    odd |= 1 << bit;
+                }
+            }
+            let mut ends = odd;
+            for shift in [1, 2, 4, 8, 16] {
+                ends ^= ends << shift;
+            }
+            let open = (if begin { !ends } else { ends }) & !*bits;
+            (self.open[2 * word], self.open[2 * word + 1]) = (open as u16, (open >> 16) as u16);
+            (self.mixed[2 * word], self.mixed[2 * word + 1]) = (*bits as u16, (*bits >> 16) as u16);
+        }
+    }
+
+    /// Open texels of a block's cells: toggles at the transitions, then a prefix XOR.
+    #[inline(always)]
+    pub fn cells_of(&self, block: usize, point: Option<&PointVisibility>) -> [u16; WIDTH] {
+        let Some(point) = point.filter(|_| self.mixed[block / WIDTH] >> (block % WIDTH) & 1 == 1) else {
+            return [u16::MAX; WIDTH];
+        };
+        let mut words = [0u64; 4];
+        let (first, count) = (self.first[block] as usize, usize::from(self.count[block]));
+        for position in &point.positions[first..first + count] {
+            words[usize::from(position / 64)] |= 1 << (position % 64);
+        }
+        let mut carry = if self.before[block] { u64::MAX } else { 0 };
+        for word in &mut words {
+            for shift in [1, 2, 4, 8, 16, 32] {
+                *word ^= *word << shift;
+            }
+            *word ^= carry;
+            carry = if *word >> 63 == 1 { u64::MAX } else { 0 };
+        }
+        std::array::from_fn(|cell| (words[cell / 4] >> (16 * (cell % 4))) as u16)
+    }
+}
