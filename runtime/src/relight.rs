@@ -19,6 +19,7 @@ use crate::asset::points::PATCH_POINTS;
 use crate::asset::surface::PointSurfaces;
 use crate::asset::{Asset, AssetPatch};
 use crate::block_product::brdf::PointLobe;
+use crate::block_product::change::{LightChange, update_diffuse};
 use crate::block_product::{Accuracy, Glossy, Light, SimdPath, shade_diffuse, shade_lobes};
 use crate::brdf::surface::COAT_F0;
 use crate::brdf::{Lobe, Measured, ggx};
@@ -43,6 +44,12 @@ pub struct Relighter<'a> {
     coat: Vec<[f32; 3]>,
     surfaces: Surfaces<'a>,
     accuracy: Accuracy,
+    /// What [`Relighter::change_light`] compares with.
+    cubemap: Option<LightCubemap>,
+    /// `[points]` what `irradiance` rounds away; empty before the first change.
+    rest: Vec<[[f32; 3]; 3]>,
+    /// Most flux of the lights that patches were summed under.
+    at_full: f64,
     /// `[points]` flags, gathered from the patches.
     flags: Vec<u32>,
     /// `[patches]` irradiance is that of the current light.
@@ -74,7 +81,7 @@ impl Surfaces<'_> {
             return (roughness * now.roughness / baked.roughness).min(1.0);
         }
         let spread = if baked.normal_texture.is_some() { (roughness.powi(4) - before).max(0.0) } else { 0.0 };
-        (after + spread).min(1.0).sqrt().sqrt()
+        if spread > 0.0 { (after + spread).min(1.0).sqrt().sqrt() } else { now.roughness }
     }
 
     /// What point `i` of a patch, `point` of the asset, reflects with.
@@ -200,6 +207,9 @@ impl<'a> Relighter<'a> {
                 details: Vec::new(),
             },
             accuracy: Accuracy::EXACT,
+            cubemap: None,
+            rest: Vec::new(),
+            at_full: 0.0,
             irradiance: vec![[[0.0; 3]; 3]; asset.n_points()],
             glossy: vec![Glossy::default(); asset.n_points()],
             flags,
@@ -301,6 +311,32 @@ impl<'a> Relighter<'a> {
             None => self.light = Some(Light::prepare(light)),
         }
         self.is_lit.fill(false);
+        self.cubemap = None;
+    }
+
+    /// [`Relighter::set_light`] for a light that differs little from the last one given here: where few blocks of the cubemap changed, only
+    /// those are summed again, at every point that was lit, without drift ([`LightChange`]). Keeps a copy of the light.
+    pub fn change_light(&mut self, light: &LightCubemap) {
+        let total: f64 = light.flux.as_flattened().iter().map(|flux| f64::from(*flux)).sum();
+        let change = self.cubemap.take().map(|before| LightChange::between(&before, light));
+        let lit = self.is_lit.clone();
+        self.set_light(light);
+        self.cubemap = Some(light.clone());
+        match change.filter(|change| change.allows(self.at_full, total)) {
+            Some(change) => {
+                self.rest.resize(self.irradiance.len(), [[0.0; 3]; 3]);
+                for (patch, _) in self.asset.patches.iter().zip(&lit).filter(|(_, lit)| **lit) {
+                    let range = patch.points.clone();
+                    update_diffuse(&change, &patch.visibility(), &mut self.irradiance[range.clone()], &mut self.rest[range]);
+                }
+                self.is_lit = lit;
+                self.at_full = self.at_full.max(total);
+            }
+            None => {
+                self.rest.fill([[0.0; 3]; 3]);
+                self.at_full = total;
+            }
+        }
     }
 
     /// Computes the light at points for an eye: of the patches that hold a wanted point, or of all. Returns how many points that were.

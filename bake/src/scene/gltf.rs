@@ -129,6 +129,7 @@ pub(super) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
         objects,
         materials: palette.resolved.into_iter().map(|resolved| resolved.material).collect(),
         textures,
+        tables: Vec::new(),
         cameras: tree.cameras,
         extras: gather_extras(&root, extras, scene, &tree.paths),
         warnings: warnings.lines(),

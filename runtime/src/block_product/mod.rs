@@ -3,7 +3,7 @@
 //! | factor | file |
 //! |---|---|
 //! | V | [`visibility`]: the chunk that a bake writes, one run-length list per point along the Hilbert order of the cubemap |
-//! | L | [`light`]: an environment prepared once: suffix sums of its moments, and its flux |
+//! | L | [`light`]: an environment prepared once: suffix sums of its moments, and its flux; [`change`]: what differs between two lights |
 //! | ρ | [`brdf`]: a lobe as a cubemap can hold it |
 //! | B | [`shade_diffuse`]: exact vector irradiance; [`shade_lobes`]: any lobe in two Schlick terms |
 //!
@@ -11,9 +11,10 @@
 //! over patches.
 
 pub mod brdf;
+pub mod change;
 mod diffuse;
 mod dispatch;
-mod glossy;
+pub(crate) mod glossy;
 pub(crate) mod lanes;
 pub mod light;
 pub mod visibility;
