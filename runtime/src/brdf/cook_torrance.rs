@@ -6,7 +6,7 @@
 //!
 //! The denominator is 4, not 4π: D is normalised, ∫ D cos θ_h = 1 (errata 3.9). n·l of the denominator is cancelled against the transport
 //! cosine, so grazing stays finite. F0·terms\[0\] + terms\[1\] as in [`super::ggx`].
-//! Directions are in the frame (tangent, bitangent, normal). Sources: Cook and Torrance 1982; [Ove06] Eq. 3.10, corrected.
+//! Directions are in the frame (tangent, bitangent, normal). Sources: Cook and Torrance 1982; \[Ove06\] Eq. 3.10, corrected.
 
 use super::ggx::schlick;
 use super::{dot, half_vector, ward};

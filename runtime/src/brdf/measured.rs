@@ -40,7 +40,7 @@ const COSINE_SHARE: f64 = 0.5;
 const MOST_VALUE: f32 = 1e9;
 
 /// A measured surface, ready to be looked up.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Measured {
     /// n_h, n_d, n_φ.
     grid: [usize; 3],
@@ -52,6 +52,12 @@ pub struct Measured {
     cumulative: Vec<f64>,
     /// `[VIEWS]` directional albedo.
     albedo: Vec<[f32; 3]>,
+}
+
+impl std::fmt::Debug for Measured {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "Measured({:?})", self.grid)
+    }
 }
 
 impl PartialEq for Measured {
