@@ -69,7 +69,7 @@ pub struct PathTracer<'a> {
 impl<'a> PathTracer<'a> {
     /// `edge_lengths`: of the bake, per object; `bounces`: surfaces between the point and the environment, at least 1.
     pub fn new(scene: &'a Scene, world: &'a World, occluders: &'a Occluders, edge_lengths: &'a [f32], bounces: u32, seed: u64) -> Self {
-        let surfaces = Surfaces { scene, world, clay: false, tables: &[], edge_lengths };
+        let surfaces = Surfaces { scene, world, clay: false, tables: &scene.tables, edge_lengths };
         PathTracer { surfaces, occluders, bounces: bounces.max(1), seed }
     }
 

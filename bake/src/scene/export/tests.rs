@@ -48,6 +48,7 @@ fn what_is_written_is_what_is_read() {
         clearcoat_normal_texture: Some(reference(bumps, 1)),
         clearcoat_normal_scale: 0.25,
         unlit: false,
+        model: prelight_runtime::surface::Model::Gltf,
         alpha_mode: AlphaMode::Mask { cutoff: 0.75 },
         double_sided: true,
         occludes: None,
