@@ -38,7 +38,27 @@ fn summary(output: &Output) -> Value {
     last
 }
 
-const VERBS: [&str; 12] = ["demo", "init", "check", "plan", "bake", "watch", "render", "chart", "inspect", "diff", "schema", "completions"];
+const VERBS: [&str; 19] = [
+    "demo",
+    "init",
+    "check",
+    "plan",
+    "bake",
+    "watch",
+    "render",
+    "chart",
+    "inspect",
+    "diff",
+    "verify",
+    "repair",
+    "pack",
+    "unpack",
+    "gc",
+    "stats",
+    "doctor",
+    "schema",
+    "completions",
+];
 
 #[test]
 fn help_lists_every_verb_and_every_verb_explains_itself() {

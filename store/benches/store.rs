@@ -1,8 +1,8 @@
-//! Map and verify, decode, put with commit, open: each checks its answer.
+//! Map and verify, decode, put with commit, open, sweep: each checks its answer.
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
-use prelight_store::{ChunkSource, Record, Store, digest_of};
+use prelight_store::{CheckOptions, ChunkSource, Record, Store, SweepOptions, digest_of};
 use std::hint::black_box;
 
 fn noise(seed: u64, len: usize) -> Vec<u8> {
@@ -104,5 +104,47 @@ fn opening(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, reading, writing, opening);
+/// The same million, listed, marked and checked, with what that takes in memory (Linux), and how many files there are in which folder.
+fn sweeping(c: &mut Criterion) {
+    let mut group = c.benchmark_group("million_chunks_swept");
+    group.sample_size(10);
+    let dir = tempfile::tempdir().unwrap();
+    let store = Store::open_or_create(dir.path()).unwrap();
+    let mut named = Vec::new();
+    for shard in 0..100u64 {
+        let mut writer = store.writer();
+        for i in 0..10_000 {
+            named.push(writer.put(ChunkKind::Points, Dtype::U8, vec![32], &noise(shard * 10_000 + i, 32)).unwrap());
+        }
+        writer.record(digest_of(&shard.to_le_bytes()), Record { chunks: named[named.len() - 10_000..].to_vec(), data: Vec::new() });
+        writer.commit().unwrap();
+    }
+    let start = std::time::Instant::now();
+    store.seal(digest_of(b"all"), &serde_json::to_vec(&named).unwrap()).unwrap();
+    println!("seal of a million chunks: {:.2} s", start.elapsed().as_secs_f64());
+    drop((named, store));
+    for folder in ["objects", "packs", "ledger", "roots", "trash", "tmp", "leases"] {
+        let count = std::fs::read_dir(dir.path().join(folder)).unwrap().count();
+        println!("{folder}: {count} entries");
+    }
+    let options = SweepOptions { dry_run: true, grace: std::time::Duration::ZERO, ..SweepOptions::default() };
+    let before = peak_kib();
+    let report = Store::open(dir.path()).unwrap().sweep(&options).unwrap();
+    assert!(report.live_chunks >= 1_000_000 && report.condemned.is_empty());
+    println!("peak memory before the first mark {before} KiB, after {} KiB", peak_kib());
+    group.bench_function("mark", |b| b.iter(|| assert_eq!(Store::open(dir.path()).unwrap().sweep(&options).unwrap().roots, 1)));
+    let check = CheckOptions { resume: false, ..CheckOptions::default() };
+    group.bench_function("check_one_thread", |b| {
+        b.iter(|| assert_eq!(Store::open(dir.path()).unwrap().check(&check, &|_| true).unwrap().chunks, 1_000_001))
+    });
+}
+
+/// The most memory that this process ever held, where the system says.
+fn peak_kib() -> u64 {
+    let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap_or("0");
+    line.split_whitespace().next().and_then(|number| number.parse().ok()).unwrap_or(0)
+}
+
+criterion_group!(benches, reading, writing, opening, sweeping);
 criterion_main!(benches);

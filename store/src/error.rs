@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 /// Why the store could not do it.
 ///
-/// [`StoreError::is_corrupt`] and [`StoreError::is_full`] sort the variants for exit codes 6 and 7; [`StoreError::NotFound`] is 10.
+/// [`StoreError::is_corrupt`] and [`StoreError::is_full`] sort the variants for exit codes 6 and 7; [`StoreError::NotFound`] is 10, [`StoreError::Locked`] 11.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
@@ -112,6 +112,14 @@ pub enum StoreError {
         path: PathBuf,
         /// The system's words.
         source: std::io::Error,
+    },
+    /// Another process sweeps or repairs the store.
+    #[error("{} is being swept or repaired by another process, so {what} cannot begin\n  help: try again when that one is done", dir.display())]
+    Locked {
+        /// The store's folder.
+        dir: PathBuf,
+        /// What was to be done.
+        what: &'static str,
     },
     /// An earlier call of this writer failed, so what it holds is unknown.
     #[error("an earlier write of this shard failed\n  help: start a new writer")]

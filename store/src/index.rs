@@ -29,18 +29,22 @@ impl PackFile {
 
     /// Reads the index at the end of a pack; where that is damaged, scans the chunk headers and says so in the second value.
     pub fn read(dir: &Path, file_name: &str) -> Result<Option<(Self, Option<&'static str>)>, StoreError> {
-        let path = dir.join("packs").join(file_name);
-        let Some((mut file, bytes)) = os::open_sized(&path)? else { return Ok(None) };
-        let indexed = Self::read_index(&mut file, &path, bytes)?;
-        let (entries, damage) = match indexed {
+        let read = Self::read_entries(&dir.join("packs").join(file_name))?;
+        Ok(read.map(|(entries, damage)| (PackFile::new(dir, file_name, entries), damage)))
+    }
+
+    /// The entries of a pack at any path; `None` when it is not there.
+    pub fn read_entries(path: &Path) -> Result<Option<(Vec<PackEntry>, Option<&'static str>)>, StoreError> {
+        let Some((mut file, bytes)) = os::open_sized(path)? else { return Ok(None) };
+        let indexed = Self::read_index(&mut file, path, bytes)?;
+        Ok(Some(match indexed {
             Ok(entries) => (entries, None),
             // Whole file in memory: rare, and bounded by the bytes that are there.
-            Err(what) => match os::read_aligned(&path, 0, bytes)? {
+            Err(what) => match os::read_aligned(path, 0, bytes)? {
                 Some(pack) => (pack::scan(pack.as_ref()), Some(what)),
                 None => (Vec::new(), Some(what)),
             },
-        };
-        Ok(Some((PackFile::new(dir, file_name, entries), damage)))
+        }))
     }
 
     fn read_index(file: &mut std::fs::File, path: &Path, bytes: u64) -> Result<Result<Vec<PackEntry>, &'static str>, StoreError> {
@@ -138,6 +142,15 @@ impl Index {
                 std::collections::btree_map::Entry::Occupied(_) => self.others.entry(digest).or_default().push(place),
             }
         }
+    }
+
+    /// Forgets a pack whose file has gone. Should it come back, it is read anew.
+    pub fn forget_pack(&mut self, pack: &Arc<PackFile>) {
+        let file_name = pack.name.rsplit('/').next().unwrap_or_default();
+        if self.packs.get(file_name).is_some_and(|known| Arc::ptr_eq(known, pack)) {
+            self.packs.remove(file_name);
+        }
+        (0..pack.entries.len()).for_each(|entry| self.remove(&Place { pack: pack.clone(), entry }));
     }
 
     /// Forgets one place of a chunk; the next place, if there is one, takes over.

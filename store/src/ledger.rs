@@ -127,6 +127,11 @@ fn segment_check(segment: &[u8]) -> Digest {
     Digest(*blake3::Hasher::new().update(&segment[..32]).update(&segment[HEAD..]).finalize().as_bytes())
 }
 
+/// The digest that names a segment which [`parse_segment`] accepts.
+pub(crate) fn segment_name(segment: &[u8]) -> Digest {
+    digest_at(segment, 32)
+}
+
 /// Where each record of a segment lies: offset and length, in order.
 ///
 /// # Errors
@@ -158,12 +163,28 @@ pub(crate) fn parse_segment(segment: &[u8]) -> Result<Vec<(usize, usize)>, &'sta
     if offset == segment.len() { Ok(places) } else { Err("bytes follow its last record") }
 }
 
+/// All records of a whole segment with their keys; those of kinds that this build does not know are left out.
+///
+/// # Errors
+/// What does not hold, in words.
+pub fn read_segment(segment: &[u8]) -> Result<Vec<(Digest, Record)>, &'static str> {
+    let places = parse_segment(segment)?;
+    Ok(places.into_iter().filter_map(|(offset, len)| decode_record(&segment[offset..offset + len])).collect())
+}
+
 /// All records, in one sorted table.
 #[derive(Default)]
 pub(crate) struct Ledger {
-    segments: BTreeMap<String, Arc<[u8]>>,
+    segments: BTreeMap<String, Arc<Segment>>,
     /// (key, digest of the encoded record): two different records of one key have an order that no listing or clock decides.
-    table: BTreeMap<(Digest, Digest), (Arc<[u8]>, u32, u32)>,
+    table: BTreeMap<(Digest, Digest), (Arc<Segment>, u32, u32)>,
+}
+
+/// One segment in memory.
+struct Segment {
+    /// Name of its file.
+    name: String,
+    bytes: Vec<u8>,
 }
 
 impl Ledger {
@@ -187,13 +208,13 @@ impl Ledger {
             match parse_segment(&bytes) {
                 Ok(_) if u32::try_from(bytes.len()).is_err() => damaged.push((name, "it is longer than 4 GiB")),
                 Ok(places) => {
-                    let bytes: Arc<[u8]> = bytes.into();
+                    let segment = Arc::new(Segment { name: name.clone(), bytes });
                     for (offset, len) in places {
-                        let record = &bytes[offset..offset + len];
+                        let record = &segment.bytes[offset..offset + len];
                         let row = (digest_at(record, 0), crate::digest_of(record));
-                        rows.push((row, (bytes.clone(), offset as u32, len as u32)));
+                        rows.push((row, (segment.clone(), offset as u32, len as u32)));
                     }
-                    self.segments.insert(name, bytes);
+                    self.segments.insert(name, segment);
                 }
                 Err(what) => damaged.push((name, what)),
             }
@@ -206,18 +227,24 @@ impl Ledger {
         damaged
     }
 
-    /// Whether this very record is there.
-    pub fn has_record(&self, key: &Digest, encoded: &[u8]) -> bool {
-        self.table.contains_key(&(*key, crate::digest_of(encoded)))
+    /// Name of the segment that holds this very record.
+    pub fn segment_of(&self, key: &Digest, encoded: &[u8]) -> Option<String> {
+        self.table.get(&(*key, crate::digest_of(encoded))).map(|(segment, ..)| segment.name.clone())
     }
 
-    /// All records of a key, in the order of their own digests.
-    pub fn get(&self, key: &Digest) -> Vec<Record> {
+    /// Forgets a segment whose file has gone, and its records. Should it come back, it is read anew.
+    pub fn forget_segment(&mut self, name: &str) {
+        self.segments.remove(name);
+        self.table.retain(|_, (segment, ..)| segment.name != name);
+    }
+
+    /// All records of a key, in the order of their own digests, each with the name of its segment.
+    pub fn get(&self, key: &Digest) -> Vec<(String, Record)> {
         let (first, last) = ((*key, Digest([0; 32])), (*key, Digest([255; 32])));
         let rows = self.table.range(first..=last);
         rows.filter_map(|(_, (segment, offset, len))| {
             let start = *offset as usize;
-            decode_record(&segment[start..start + *len as usize]).map(|(_, record)| record)
+            decode_record(&segment.bytes[start..start + *len as usize]).map(|(_, record)| (segment.name.clone(), record))
         })
         .collect()
     }
@@ -253,7 +280,7 @@ mod tests {
         let mut ledger = Ledger::default();
         assert_eq!(ledger.add(vec![("a".into(), segment())]), []);
         for i in 0..5 {
-            assert_eq!(ledger.get(&Digest([i; 32])), [record(i as usize)]);
+            assert_eq!(ledger.get(&Digest([i; 32])), [("a".to_string(), record(i as usize))]);
         }
         assert_eq!(ledger.get(&Digest([9; 32])), []);
         assert_eq!((ledger.n_segments(), ledger.n_records()), (1, 5));
@@ -292,6 +319,16 @@ mod tests {
         let mut ledger = Ledger::default();
         assert_eq!(ledger.add(vec![("a".into(), encode_segment(&[encoded]).0)]), []);
         assert_eq!(ledger.get(&Digest([1; 32])), []);
+    }
+
+    #[test]
+    fn a_forgotten_segment_takes_its_records_with_it_and_can_come_back() {
+        let mut ledger = Ledger::default();
+        ledger.add(vec![("a".into(), segment())]);
+        ledger.forget_segment("a");
+        assert_eq!((ledger.n_segments(), ledger.n_records(), ledger.has_segment("a")), (0, 0, false));
+        ledger.add(vec![("a".into(), segment())]);
+        assert_eq!(ledger.n_records(), 5);
     }
 
     proptest! {

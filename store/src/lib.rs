@@ -36,13 +36,23 @@ pub mod memory;
 pub mod pack;
 
 #[cfg(feature = "fs")]
+pub mod asset_pack;
+#[cfg(feature = "fs")]
 mod bad;
 #[cfg(feature = "fs")]
+pub mod check;
+#[cfg(feature = "fs")]
+pub mod doctor;
+#[cfg(feature = "fs")]
 pub mod fault;
+#[cfg(feature = "fs")]
+mod hold;
 #[cfg(feature = "fs")]
 mod identity;
 #[cfg(feature = "fs")]
 mod index;
+#[cfg(feature = "fs")]
+mod lease;
 #[cfg(feature = "fs")]
 pub mod ledger;
 #[cfg(feature = "fs")]
@@ -54,13 +64,19 @@ mod publish;
 #[cfg(feature = "fs")]
 pub mod put;
 #[cfg(feature = "fs")]
+mod reach;
+#[cfg(feature = "fs")]
 mod read;
+#[cfg(feature = "fs")]
+pub mod repair;
 #[cfg(feature = "fs")]
 pub mod roots;
 #[cfg(feature = "fs")]
 pub mod stats;
 #[cfg(feature = "fs")]
 pub mod store;
+#[cfg(feature = "fs")]
+pub mod sweep;
 
 pub use aligned::CHUNK_ALIGN;
 pub use chunk::{Chunk, ChunkSource, SharedBytes, digest_of};
@@ -69,14 +85,24 @@ pub use form::{Form, FormChoice};
 pub use memory::MemorySource;
 
 #[cfg(feature = "fs")]
-pub use fault::{FaultHook, FaultPoint};
+pub use asset_pack::AssetPackWriter;
+#[cfg(feature = "fs")]
+pub use check::{CheckOptions, CheckReport, Finding};
+#[cfg(feature = "fs")]
+pub use doctor::Doctor;
+#[cfg(feature = "fs")]
+pub use fault::{CallHook, FaultHook, FaultPoint, with_call_hook};
 #[cfg(feature = "fs")]
 pub use ledger::{MAX_RECORD_DATA, Record};
 #[cfg(feature = "fs")]
 pub use put::{CommitReport, OBJECT_BYTES, ShardWriter};
+#[cfg(feature = "fs")]
+pub use repair::RepairReport;
 #[cfg(feature = "fs")]
 pub use roots::Root;
 #[cfg(feature = "fs")]
 pub use stats::Stats;
 #[cfg(feature = "fs")]
 pub use store::{Mapping, Store, StoreOptions};
+#[cfg(feature = "fs")]
+pub use sweep::{SweepOptions, SweepReport, Swept};

@@ -95,6 +95,21 @@ impl MemorySource {
     }
 }
 
+impl MemorySource {
+    /// The manifest of a packed asset: the first chunk of the first pack.
+    ///
+    /// # Errors
+    /// [`StoreError::Pack`] when there is none; as [`ChunkSource::chunk`].
+    pub fn manifest(&self) -> Result<Chunk, StoreError> {
+        let no_asset = |name: &str| StoreError::Pack { name: name.to_string(), what: "it holds no asset".to_string() };
+        let pack = self.packs.first().ok_or_else(|| no_asset("in memory"))?;
+        let first = pack.entries.iter().find(|entry| entry.offset == pack::PACK_LINE_BYTES as u64).ok_or_else(|| no_asset(&pack.name))?;
+        let (digest, bytes) = (first.digest, first.plain_bytes);
+        // The kind has no meaning here: chunks are found by digest and length.
+        self.chunk(&Descriptor { kind: ChunkKind::Names, digest, bytes, dtype: Dtype::U8, shape: vec![bytes] })
+    }
+}
+
 impl MemoryPack {
     fn chunk(&self, i: usize, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
         let entry = &self.entries[i];

@@ -9,12 +9,11 @@
 use crate::fault::FaultPoint;
 use crate::index::PackFile;
 use crate::ledger::encode_segment;
-use crate::pack::encode_index;
 use crate::put::{CommitReport, ShardWriter};
 use crate::store::Inner;
 use crate::{StoreError, os};
+use prelight_manifests::Digest;
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::path::PathBuf;
 
 impl ShardWriter {
@@ -24,9 +23,7 @@ impl ShardWriter {
     /// [`StoreError::Missing`] when a record names a chunk that is neither in this writer nor in the store; what the system says. After an
     /// error nothing of the shard counts as done; running it again is right.
     pub fn commit(mut self) -> Result<CommitReport, StoreError> {
-        if self.failed {
-            return Err(StoreError::WriterFailed);
-        }
+        self.check_usable()?;
         self.check_named()?;
         self.commit_chunks()?;
         self.publish_records()?;
@@ -39,23 +36,25 @@ impl ShardWriter {
         self.publish_chunks(pack)
     }
 
-    fn check_named(&self) -> Result<(), StoreError> {
+    /// What records name without putting it here is held on to as well.
+    fn check_named(&mut self) -> Result<(), StoreError> {
         for (digest, bytes) in &self.named {
-            if self.new.get(digest) != Some(bytes) && self.inner.find(digest, *bytes)?.is_none() {
+            if self.new.get(digest) == Some(bytes) {
+                continue;
+            }
+            let Some(found) = self.inner.find_and_hold(digest, *bytes)? else {
                 let place = format!("the store {} although a record of this shard names it", self.inner.dir.display());
                 return Err(StoreError::Missing { digest: *digest, place });
-            }
+            };
+            self.reused_files.insert(found.file(digest));
         }
         Ok(())
     }
 
     /// Writes index and foot; gives the temporary path, the final name and the entries.
     fn finish_pack(&mut self) -> Result<Option<(PathBuf, PackFile, String)>, StoreError> {
-        let Some(mut pack) = self.pack.take() else { return Ok(None) };
-        let mut entries = std::mem::take(&mut pack.entries);
-        let (index, digest) = encode_index(&mut entries, pack.bytes);
-        pack.write(&index)?;
-        pack.file.flush().map_err(os::fail("write", &pack.path))?;
+        let Some(pack) = self.pack.take() else { return Ok(None) };
+        let (pack, entries, digest) = pack.finish()?;
         self.report.bytes_stored += pack.bytes;
         self.inner.pass(FaultPoint::PackWritten)?;
         let file_name = format!("{digest}.pack");
@@ -87,10 +86,15 @@ impl ShardWriter {
                 inner.pass(FaultPoint::PackRenamed)?;
             }
         }
-        for path in &self.reused_files {
-            os::freshen(path);
+        for name in &self.reused_files {
+            // Held since it was put, unless the lease was lost (hold.rs): then this is where it is noticed.
+            if !inner.touch_or_rescue(name)? {
+                let place = format!("the store {} any more: {name} was swept away", dir.display());
+                let digest = name.rsplit('/').next().and_then(|stem| stem.trim_end_matches(".pack").parse().ok()).unwrap_or_default();
+                return Err(StoreError::Missing { digest, place });
+            }
             // Whoever published them may not have come to sync the folder yet; a record of ours must not outlive them.
-            folders.extend(path.parent().map(PathBuf::from));
+            folders.extend(dir.join(name).parent().map(PathBuf::from));
         }
         if folders.iter().any(|folder| folder.parent() != Some(dir)) {
             folders.insert(dir.join("objects")); // some of the folders in it may be new
@@ -120,8 +124,20 @@ impl ShardWriter {
         records.sort();
         records.dedup();
         {
-            let ledger = inner.ledger.read().expect("no panic under this lock");
-            records.retain(|(key, encoded)| !ledger.has_record(key, encoded));
+            let known =
+                |(key, encoded): &(Digest, Vec<u8>)| inner.ledger.read().expect("no panic under this lock").segment_of(key, encoded);
+            let mut new = Vec::new();
+            for record in records {
+                match known(&record) {
+                    Some(segment) if inner.rely_on(&format!("ledger/{segment}"))? => {}
+                    Some(segment) => {
+                        inner.ledger.write().expect("no panic under this lock").forget_segment(&segment);
+                        new.push(record);
+                    }
+                    None => new.push(record),
+                }
+            }
+            records = new;
         }
         if !records.is_empty() {
             let records: Vec<Vec<u8>> = records.into_iter().map(|(_, encoded)| encoded).collect();

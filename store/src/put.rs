@@ -4,13 +4,13 @@ use crate::fault::FaultPoint;
 use crate::form;
 use crate::header::ChunkHeader;
 use crate::ledger::{Record, encode_record};
-use crate::pack::{PackEntry, encode_head};
-use crate::store::{Found, Inner};
+use crate::pack::{PackEntry, encode_head, encode_index};
+use crate::store::Inner;
 use crate::{CHUNK_ALIGN, StoreError, digest_of, os};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::BufWriter;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -28,12 +28,14 @@ pub struct ShardWriter {
     pub(crate) objects: BTreeSet<Digest>,
     /// Plain lengths of the chunks that this writer adds.
     pub(crate) new: BTreeMap<Digest, u64>,
-    /// Files of chunks that were there already.
-    pub(crate) reused_files: BTreeSet<PathBuf>,
+    /// Files of chunks that were there already, relative to the store's folder.
+    pub(crate) reused_files: BTreeSet<String>,
     pub(crate) records: Vec<(Digest, Vec<u8>)>,
     pub(crate) named: BTreeMap<Digest, u64>,
     pub(crate) report: CommitReport,
     pub(crate) failed: bool,
+    /// Why there is no lease: said by the first call that can fail.
+    pub(crate) without_lease: Option<StoreError>,
 }
 
 /// What a commit has added.
@@ -58,7 +60,7 @@ pub(crate) struct PackFileWriter {
 }
 
 impl PackFileWriter {
-    fn create(path: PathBuf) -> Result<Self, StoreError> {
+    pub fn create(path: PathBuf) -> Result<Self, StoreError> {
         let file = BufWriter::with_capacity(1 << 18, os::create(&path)?);
         let mut pack = PackFileWriter { path, file, bytes: 0, entries: Vec::new() };
         pack.write(&encode_head())?;
@@ -66,12 +68,21 @@ impl PackFileWriter {
     }
 
     pub fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
-        self.file.write_all(bytes).map_err(os::fail("write", &self.path))?;
+        os::write(&mut self.file, &self.path, bytes)?;
         self.bytes += bytes.len() as u64;
         Ok(())
     }
 
-    fn push(&mut self, header: &ChunkHeader, stored: &[u8]) -> Result<(), StoreError> {
+    /// Writes index and foot; gives itself, flushed, the entries, and the digest that names the pack.
+    pub fn finish(mut self) -> Result<(Self, Vec<PackEntry>, Digest), StoreError> {
+        let mut entries = std::mem::take(&mut self.entries);
+        let (index, digest) = encode_index(&mut entries, self.bytes);
+        self.write(&index)?;
+        os::flush(&mut self.file, &self.path)?;
+        Ok((self, entries, digest))
+    }
+
+    pub fn push(&mut self, header: &ChunkHeader, stored: &[u8]) -> Result<(), StoreError> {
         let ChunkHeader { form, plain_bytes, stored_bytes, digest, .. } = *header;
         self.entries.push(PackEntry { digest, offset: self.bytes, plain_bytes, stored_bytes, form });
         self.write(&header.encode())?;
@@ -83,7 +94,9 @@ impl PackFileWriter {
 
 impl ShardWriter {
     pub(crate) fn new(inner: Arc<Inner>) -> Self {
+        let without_lease = inner.take_lease().err();
         ShardWriter {
+            without_lease,
             inner,
             temp: None,
             pack: None,
@@ -110,20 +123,15 @@ impl ShardWriter {
 
     /// As [`ShardWriter::put`], for bytes that need no descriptor; `alone` keeps them out of packs.
     pub(crate) fn put_bytes(&mut self, bytes: &[u8], alone: bool) -> Result<Digest, StoreError> {
-        if self.failed {
-            return Err(StoreError::WriterFailed);
-        }
+        self.check_usable()?;
         let digest = digest_of(bytes);
         self.report.bytes_plain += bytes.len() as u64;
         if self.new.contains_key(&digest) {
             self.report.chunks_reused += 1;
             return Ok(digest);
         }
-        if let Some(found) = self.inner.find(&digest, bytes.len() as u64)? {
-            self.reused_files.insert(match found {
-                Found::Packed(place) => place.pack.path.clone(),
-                Found::Object(path) => path,
-            });
+        if let Some(found) = self.inner.find_and_hold(&digest, bytes.len() as u64)? {
+            self.reused_files.insert(found.file(&digest));
             self.report.chunks_reused += 1;
             return Ok(digest);
         }
@@ -149,6 +157,14 @@ impl ShardWriter {
         self.report.chunks_new += 1;
         self.failed = false;
         Ok(digest)
+    }
+
+    pub(crate) fn check_usable(&mut self) -> Result<(), StoreError> {
+        if let Some(error) = self.without_lease.take() {
+            self.failed = true;
+            return Err(error);
+        }
+        if self.failed { Err(StoreError::WriterFailed) } else { Ok(()) }
     }
 
     /// Adds a record. On commit every chunk that it names must be in this writer or in the store.

@@ -34,14 +34,15 @@ impl Inner {
     fn chunk(&self, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
         let digest = descriptor.digest;
         let mut first_error = None;
-        let mut refreshed = false;
+        let (mut refreshed, mut rescued) = (false, false);
         loop {
             let place = self.index.read().expect("no panic under this lock").get(&digest).cloned();
             if let Some(place) = place {
                 match self.read_packed(&place, descriptor) {
                     Ok(Some(chunk)) => return Ok(chunk),
+                    Ok(None) if self.rescue(&place.pack.name).unwrap_or(false) => continue,
                     Ok(None) => {
-                        self.index.write().expect("no panic under this lock").remove(&place);
+                        self.index.write().expect("no panic under this lock").forget_pack(&place.pack);
                         continue;
                     }
                     Err(error @ StoreError::Corrupt { .. }) => {
@@ -69,6 +70,11 @@ impl Inner {
             // Another process may have published it since this one listed the packs.
             if !refreshed && self.load_new_packs()? > 0 {
                 refreshed = true;
+                continue;
+            }
+            // A sweep that was stopped may have left it in the trash. A reader that may not move it does without.
+            if !rescued && first_error.is_none() && self.rescue_chunk(&digest).unwrap_or(false) {
+                rescued = true;
                 continue;
             }
             let known = || self.bad.lock().expect("no panic under this lock").get(&digest).map(BadChunk::error);

@@ -3,7 +3,8 @@
 //! `roots/<asset digest>` is four lines of text, byte for byte as this module writes them. The manifest itself is an object of its own.
 
 use crate::fault::FaultPoint;
-use crate::{Chunk, ChunkSource, Store, StoreError, digest_of, os};
+use crate::store::Inner;
+use crate::{Chunk, ChunkSource, Store, StoreError, digest_of, os, reach};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 
 const MAX_BYTES: u64 = 4096;
@@ -25,7 +26,7 @@ impl Root {
         format!("{head}check {}\n", digest_of(head.as_bytes()))
     }
 
-    fn parse(text: &str) -> Option<Self> {
+    pub(crate) fn parse(text: &str) -> Option<Self> {
         let mut lines = text.lines().skip(1);
         let asset = lines.next()?.strip_prefix("asset ")?.parse().ok()?;
         let (manifest, bytes) = lines.next()?.strip_prefix("manifest ")?.split_once(' ')?;
@@ -35,15 +36,29 @@ impl Root {
 }
 
 impl Store {
-    /// Puts the manifest into the store and makes the asset a root; once this returns, it survives a power cut. Sealing again replaces the
-    /// manifest that the root names (its report may differ).
+    /// Puts the manifest into the store and makes the asset a root; once this returns, it survives a power cut, and everything that the
+    /// manifest names stays until it is forgotten. Sealing again replaces the manifest that the root names (its report may differ).
+    ///
+    /// Every chunk is touched before the root is published and looked for again after: [`crate::sweep`] says why both are needed.
     ///
     /// # Errors
-    /// What the system says.
+    /// [`StoreError::Missing`] when a chunk that the manifest names is not in the store; what the system says.
     pub fn seal(&self, asset_digest: Digest, manifest_json: &[u8]) -> Result<(), StoreError> {
         let inner = &self.inner;
         let mut writer = self.writer();
         let manifest = writer.put_bytes(manifest_json, true)?;
+        for (digest, bytes) in reach::named(manifest_json).unwrap_or_default() {
+            let held = || inner.find_and_hold(&digest, bytes);
+            let found = match held()? {
+                Some(found) => Some(found),
+                None if inner.rescue_chunk(&digest)? => held()?,
+                None => None,
+            };
+            let place = || format!("the store {} although the asset names it", inner.dir.display());
+            let found = found.ok_or_else(|| StoreError::Missing { digest, place: place() })?;
+            writer.reused_files.insert(found.file(&digest));
+        }
+        let files: Vec<String> = writer.reused_files.iter().cloned().collect();
         let temp = writer.temp_folder()?.join("root");
         let root = Root { asset: asset_digest, manifest, manifest_bytes: manifest_json.len() as u64 };
         let file = os::write_new(&temp, &[root.text().as_bytes()])?;
@@ -53,7 +68,14 @@ impl Store {
         let folder = inner.dir.join("roots");
         os::rename(&temp, &folder.join(asset_digest.to_string()))?;
         inner.pass(FaultPoint::RootRenamed)?;
-        os::sync_path(&folder)
+        os::sync_path(&folder)?;
+        for name in files.iter().chain([&Inner::object_name(&manifest)]) {
+            if !os::exists(&inner.dir.join(name))? && !inner.rescue(name)? {
+                let place = format!("the store {} any more: {name} was swept away while it was sealed", inner.dir.display());
+                return Err(StoreError::Missing { digest: asset_digest, place });
+            }
+        }
+        inner.pass(FaultPoint::RootChecked)
     }
 
     /// All sealed assets, in the order of their digests. A damaged root is named in [`Store::problems`].
@@ -70,6 +92,21 @@ impl Store {
             match Root::parse(&String::from_utf8_lossy(&text)).filter(|root| root.asset == asset) {
                 Some(root) => roots.push(root),
                 None => self.inner.problem(format!("roots/{name} is damaged: seal the asset again by baking it")),
+            }
+        }
+        Ok(roots)
+    }
+
+    /// All sealed assets with the time at which each was sealed last, in nanoseconds since 1970 by the file system's clock.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn roots_by_time(&self) -> Result<Vec<(Root, u64)>, StoreError> {
+        let mut roots = Vec::new();
+        for root in self.roots()? {
+            let path = self.inner.dir.join("roots").join(root.asset.to_string());
+            if let Some(metadata) = os::metadata(&path)? {
+                roots.push((root, os::modified(&metadata)));
             }
         }
         Ok(roots)

@@ -1,16 +1,21 @@
 //! How much a store holds.
 
+use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::store::Inner;
 use crate::{Form, Store, StoreError, os};
 use prelight_manifests::Digest;
 
-/// Counts and bytes of a store.
+/// Counts and bytes of a store. Every place counts, also of chunks that two packs hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stats {
     /// Chunks that are files of their own.
     pub objects: u64,
     /// Bytes of their files.
     pub object_bytes: u64,
+    /// Their plain bytes.
+    pub object_plain_bytes: u64,
+    /// Those of them that are compressed.
+    pub objects_compressed: u64,
     /// Packs.
     pub packs: u64,
     /// Bytes of their files.
@@ -19,10 +24,16 @@ pub struct Stats {
     pub packed_chunks: u64,
     /// Their plain bytes.
     pub packed_plain_bytes: u64,
+    /// Their bytes as stored, headers aside.
+    pub packed_stored_bytes: u64,
     /// Those of them that are compressed.
     pub packed_compressed: u64,
+    /// Places in packs that hold a chunk which another pack holds too: two writers packed it at once.
+    pub packed_twice: u64,
     /// Ledger segments that could be read.
     pub segments: u64,
+    /// Bytes of their files.
+    pub segment_bytes: u64,
     /// Different records in them.
     pub records: u64,
     /// Sealed assets.
@@ -32,7 +43,7 @@ pub struct Stats {
 }
 
 impl Store {
-    /// Counts what is there; lists folders, reads no chunk.
+    /// Counts what is there; lists folders, reads headers of objects, no chunk.
     ///
     /// # Errors
     /// What the system says.
@@ -40,9 +51,19 @@ impl Store {
         let dir = self.dir();
         let mut stats = Stats::default();
         for fan in os::list(&dir.join("objects"))? {
-            for (_, bytes) in os::list_sized(&dir.join("objects").join(fan))? {
+            let folder = dir.join("objects").join(fan);
+            for (name, bytes) in os::list_sized(&folder)? {
                 stats.objects += 1;
                 stats.object_bytes += bytes;
+                let path = folder.join(name);
+                let mut head = [0; CHUNK_HEADER_BYTES];
+                if let Some((mut file, _)) = os::open_sized(&path)?
+                    && os::read_at(&mut file, &path, 0, &mut head)?
+                    && let Ok(header) = ChunkHeader::decode(&head)
+                {
+                    stats.object_plain_bytes += header.plain_bytes;
+                    stats.objects_compressed += u64::from(header.form == Form::Zstd);
+                }
             }
         }
         for (_, bytes) in os::list_sized(&dir.join("packs"))? {
@@ -52,11 +73,14 @@ impl Store {
         {
             let index = self.inner.index.read().expect("no panic under this lock");
             stats.packed_chunks = index.n_chunks() as u64;
+            stats.packed_twice = index.packs().map(|pack| pack.entries.len() as u64).sum::<u64>().saturating_sub(stats.packed_chunks);
             for entry in index.packs().flat_map(|pack| &pack.entries) {
                 stats.packed_plain_bytes += entry.plain_bytes;
+                stats.packed_stored_bytes += entry.stored_bytes;
                 stats.packed_compressed += u64::from(entry.form == Form::Zstd);
             }
         }
+        stats.segment_bytes = os::list_sized(&dir.join("ledger"))?.iter().map(|(_, bytes)| bytes).sum();
         let ledger = self.inner.ledger.read().expect("no panic under this lock");
         (stats.segments, stats.records) = (ledger.n_segments() as u64, ledger.n_records() as u64);
         stats.roots = self.roots()?.len() as u64;

@@ -3,6 +3,7 @@
 use crate::bad::BadList;
 use crate::fault::{FaultHook, FaultPoint, Faults};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
+use crate::hold::Hold;
 use crate::index::{Index, PackFile, Place};
 use crate::ledger::{Ledger, Record};
 use crate::read::ObjectMap;
@@ -92,6 +93,8 @@ pub(crate) struct Inner {
     pub ledger: RwLock<Ledger>,
     pub bad: Mutex<BadList>,
     pub objects: Mutex<BTreeMap<Digest, Arc<ObjectMap>>>,
+    /// Once this handle has written something.
+    pub hold: Mutex<Option<Hold>>,
     problems: Mutex<Vec<String>>,
 }
 
@@ -123,7 +126,7 @@ impl Store {
         let fresh = matches!(found, Err(StoreError::NotFound { .. }));
         if options.create && (fresh || found.is_ok()) {
             // Also in a store that is there: tools that copy folders may drop empty ones.
-            for folder in ["tmp", "objects", "packs", "ledger", "roots", "bad"] {
+            for folder in ["tmp", "objects", "packs", "ledger", "roots", "bad", "leases", "trash"] {
                 os::make_dir(&dir.join(folder))?;
             }
         }
@@ -140,6 +143,7 @@ impl Store {
             ledger: RwLock::default(),
             bad: Mutex::new(bad),
             objects: Mutex::default(),
+            hold: Mutex::default(),
             problems: Mutex::new(problems),
         };
         let store = Store { inner: Arc::new(inner) };
@@ -178,44 +182,50 @@ impl Store {
         self.inner.problems.lock().expect("no panic under this lock").clone()
     }
 
-    /// The record of a key, when every chunk that it names is here; of several the one whose digest is smallest.
+    /// The record of a key, when every chunk that it names is here; of several the one whose digest is smallest. A handle that writes relies
+    /// on what it finds from here on: no sweep takes it away while the handle lives.
     ///
     /// # Errors
     /// What the system says.
     pub fn lookup(&self, key: &Digest) -> Result<Option<Record>, StoreError> {
-        for record in self.records(key) {
-            if self.has_all(&record.chunks)? {
+        for (segment, record) in self.records(key) {
+            if self.relies_on(&segment, &record)? {
                 return Ok(Some(record));
             }
         }
         Ok(None)
     }
 
-    /// All complete records of a key, in an order that no clock, listing or writer decides.
+    /// All complete records of a key, in an order that no clock, listing or writer decides; as [`Store::lookup`].
     ///
     /// # Errors
     /// What the system says.
     pub fn lookup_all(&self, key: &Digest) -> Result<Vec<Record>, StoreError> {
         let mut complete = Vec::new();
-        for record in self.records(key) {
-            if self.has_all(&record.chunks)? {
+        for (segment, record) in self.records(key) {
+            if self.relies_on(&segment, &record)? {
                 complete.push(record);
             }
         }
         Ok(complete)
     }
 
-    fn records(&self, key: &Digest) -> Vec<Record> {
+    fn records(&self, key: &Digest) -> Vec<(String, Record)> {
         self.inner.ledger.read().expect("no panic under this lock").get(key)
     }
 
-    fn has_all(&self, chunks: &[Descriptor]) -> Result<bool, StoreError> {
-        for chunk in chunks {
-            if !self.contains(chunk)? {
+    fn relies_on(&self, segment: &str, record: &Record) -> Result<bool, StoreError> {
+        for chunk in &record.chunks {
+            let held = || self.inner.find_and_hold(&chunk.digest, chunk.bytes);
+            if held()?.is_none() && !(self.inner.rescue_chunk(&chunk.digest).unwrap_or(false) && held()?.is_some()) {
                 return Ok(false);
             }
         }
-        Ok(true)
+        if self.inner.rely_on(&format!("ledger/{segment}"))? {
+            return Ok(true);
+        }
+        self.inner.ledger.write().expect("no panic under this lock").forget_segment(segment);
+        Ok(false)
     }
 
     /// Whether the chunk is here, by index or by header and size; its bytes are verified only when they are read.
@@ -226,7 +236,7 @@ impl Store {
         Ok(self.inner.find(&descriptor.digest, descriptor.bytes)?.is_some())
     }
 
-    /// A writer for one shard.
+    /// A writer for one shard. The first one takes a lease, under which this handle holds on to what it uses until it is dropped.
     pub fn writer(&self) -> ShardWriter {
         ShardWriter::new(self.inner.clone())
     }
@@ -235,7 +245,7 @@ impl Store {
 /// Where a chunk that the store has lies.
 pub(crate) enum Found {
     Packed(Place),
-    Object(PathBuf),
+    Object,
 }
 
 impl Inner {
@@ -272,7 +282,7 @@ impl Inner {
             let size = header.stored_bytes.checked_add(CHUNK_HEADER_BYTES as u64);
             header.digest == *digest && header.plain_bytes == plain_bytes && size == Some(bytes)
         });
-        Ok(whole.then_some(Found::Object(path)))
+        Ok(whole.then_some(Found::Object))
     }
 
     fn read_new_segments(&self) -> Result<Vec<(String, Vec<u8>)>, StoreError> {

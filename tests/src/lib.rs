@@ -1,5 +1,7 @@
 //! Scenes and paths that the tests of this package share.
 
+pub mod fuzzed;
+
 use prelight_bake::bake::{BakeOptions, Baked, bake};
 use prelight_bake::plan::PointParams;
 use prelight_bake::progress::Silent;

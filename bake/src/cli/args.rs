@@ -3,6 +3,7 @@
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use prelight_manifests::Quality;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -26,6 +27,22 @@ pub struct BakeKnobs {
     /// Edge length of the refined mesh aimed at, metres
     #[arg(long, value_name = "M", value_parser = positive)]
     pub edge_length: Option<f32>,
+}
+
+impl BakeKnobs {
+    /// As the asset's report keeps them, so that `repair` bakes with the same ones.
+    pub fn to_json(&self) -> Value {
+        json!({ "quality": self.quality.map(|quality| quality.to_string()), "points": self.points, "edge_length": self.edge_length })
+    }
+
+    /// From an asset's report; what is not there was not given.
+    pub fn from_json(knobs: &Value) -> Self {
+        BakeKnobs {
+            quality: knobs["quality"].as_str().and_then(|name| name.parse().ok()),
+            points: knobs["points"].as_u64(),
+            edge_length: knobs["edge_length"].as_f64().map(|length| length as f32),
+        }
+    }
 }
 
 /// Where to look from, and how large the image is.
@@ -113,6 +130,14 @@ fn field_of_view(text: &str) -> Result<f32, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn knobs_survive_the_report() {
+        for (quality, points, edge_length) in [(None, None, None), (Some(Quality::High), Some(5000), None), (None, None, Some(0.1f32))] {
+            let back = BakeKnobs::from_json(&BakeKnobs { quality, points, edge_length }.to_json());
+            assert_eq!((back.quality, back.points, back.edge_length), (quality, points, edge_length));
+        }
+    }
 
     #[test]
     fn values_are_read_or_refused() {

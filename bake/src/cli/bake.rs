@@ -128,7 +128,8 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, start: Instant, con
             Err(error) => context.progress().warning(&format!("what changed cannot be said: {error}")),
         }
     }
-    let report = report(&summary, loaded, &asset, &folder);
+    let mut report = report(&summary, loaded, &asset, &folder);
+    report.insert("knobs".to_string(), args.knobs.to_json());
     let manifest = seal(&baked, report, &store)?;
     write_atomically(&asset, |out| out.write_all(manifest.to_text().as_bytes()))?;
     Ok(summary)

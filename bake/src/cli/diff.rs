@@ -3,11 +3,15 @@
 use super::read::{parse_asset, read};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
-use prelight_manifests::{AssetManifest, ByteSize, Descriptor};
+use prelight_manifests::asset::{AssetContent, AssetObject, AssetPatch};
+use prelight_manifests::{AssetManifest, ByteSize, Descriptor, Digest};
+use prelight_runtime::asset::open_file::is_pack;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{self, Metrics};
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use prelight_store::MemorySource;
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
 /// Objects named in the text for people; the JSON has them all.
 const MAX_LISTED: usize = 10;
@@ -29,7 +33,7 @@ pub struct DiffArgs {
 /// Runs the verb.
 pub fn run(args: DiffArgs, context: &Context) -> Result<Summary, Failure> {
     let paths = [&args.test, &args.reference];
-    let files = [read(paths[0], context.memory)?, read(paths[1], context.memory)?];
+    let files = [read_or_unpack(paths[0], context.memory)?, read_or_unpack(paths[1], context.memory)?];
     match files.each_ref().map(|bytes| is_asset(bytes)) {
         [true, true] => {
             if args.fail_above.is_some() {
@@ -57,6 +61,14 @@ pub fn run(args: DiffArgs, context: &Context) -> Result<Summary, Failure> {
             );
             Err(Failure::text(ExitCode::Input, text))
         }
+    }
+}
+
+/// The file, or the manifest in it when it is a packed asset.
+fn read_or_unpack(path: &Path, limit: ByteSize) -> Result<Vec<u8>, Failure> {
+    match is_pack(path) {
+        Ok(true) => Ok(MemorySource::open_pack(path)?.manifest()?.to_vec()),
+        _ => Ok(read(path, limit)?),
     }
 }
 
@@ -111,11 +123,9 @@ fn diff_assets([test, reference]: [&AssetManifest; 2]) -> Summary {
         .map(|asset| asset.content.objects.iter().map(|object| (object.name.as_str(), object)).collect::<BTreeMap<_, _>>());
     let missing = |a: usize, b: usize| -> Vec<&str> { objects[a].keys().copied().filter(|name| !objects[b].contains_key(name)).collect() };
     let (added, removed) = (missing(0, 1), missing(1, 0));
-    let changed: Vec<&str> = objects[0]
-        .iter()
-        .filter(|(name, object)| objects[1].get(*name).is_some_and(|other| other != *object))
-        .map(|(name, _)| *name)
-        .collect();
+    let pairs = objects[0].iter().filter_map(|(name, object)| Some((*name, *object, *objects[1].get(name)?)));
+    let changes: Vec<(&str, Vec<String>)> = pairs.filter(|(_, a, b)| a != b).map(|(name, a, b)| (name, what_differs(a, b))).collect();
+    let changed: Vec<&str> = changes.iter().map(|(name, _)| *name).collect();
 
     let mut summary = Summary::new();
     summary.set("equal", equal);
@@ -133,15 +143,63 @@ fn diff_assets([test, reference]: [&AssetManifest; 2]) -> Summary {
     for (name, list) in [("added", &added), ("removed", &removed), ("changed", &changed)] {
         summary.set(&format!("objects.{name}"), list.clone());
         for object in list.iter().take(MAX_LISTED) {
-            text += &format!("  {name} object  {object}\n");
+            let what = changes.iter().find(|(changed, _)| changed == object).filter(|_| name == "changed");
+            let what = what.map_or(String::new(), |(_, what)| format!(": {}", what.join(", ")));
+            text += &format!("  {name} object  {object}{what}\n");
         }
         if list.len() > MAX_LISTED {
             text += &format!("  and {} more {name}\n", list.len() - MAX_LISTED);
         }
     }
+    let changes: Vec<Value> = changes.iter().map(|(name, what)| json!({ "name": name, "what": what })).collect();
+    summary.set("changes", changes);
+    let scene = differing_parts(&test.content, &reference.content);
+    if !scene.is_empty() {
+        text += &format!("  of the scene    {}\n", scene.join(", "));
+    }
+    summary.set("scene_changes", scene);
     summary.set_text(text);
     if !equal {
         summary.exit_code = ExitCode::Found;
     }
     summary
+}
+
+/// Fields of one object, and how many of its chunks of each kind are in one asset only.
+fn what_differs(test: &AssetObject, reference: &AssetObject) -> Vec<String> {
+    let fields = [
+        ("technique", test.technique != reference.technique),
+        ("transform", test.world_from_local != reference.world_from_local),
+        ("edge length", test.edge_length != reference.edge_length),
+        ("source mesh", test.base.digest != reference.base.digest),
+        ("refined mesh", test.mesh.digest != reference.mesh.digest),
+    ];
+    let mut what: Vec<String> = fields.iter().filter(|(_, differs)| *differs).map(|(name, _)| name.to_string()).collect();
+    if test.patches.len() != reference.patches.len() {
+        what.push(format!("{} patches in place of {}", test.patches.len(), reference.patches.len()));
+    }
+    let kinds: [(&str, fn(&AssetPatch) -> &Descriptor); 3] =
+        [("points", |patch| &patch.points), ("surface", |patch| &patch.surface), ("visibility", |patch| &patch.visibility)];
+    for (name, of) in kinds {
+        let known: BTreeSet<Digest> = reference.patches.iter().map(|patch| of(patch).digest).collect();
+        let new = test.patches.iter().filter(|patch| !known.contains(&of(patch).digest)).count();
+        if new > 0 {
+            what.push(format!("{name} of {new} of {} patches", test.patches.len()));
+        }
+    }
+    if what.is_empty() { vec!["the order of its patches".to_string()] } else { what }
+}
+
+/// What differs outside of objects.
+fn differing_parts(test: &AssetContent, reference: &AssetContent) -> Vec<&'static str> {
+    let parts = [
+        ("algorithm version", test.algorithm_version != reference.algorithm_version),
+        ("face resolution", test.face_resolution != reference.face_resolution),
+        ("materials", test.materials.digest != reference.materials.digest),
+        ("textures", test.textures != reference.textures),
+        ("cameras", test.cameras.digest != reference.cameras.digest),
+        ("names and extras", test.names.digest != reference.names.digest),
+        ("bounds", test.bounds != reference.bounds),
+    ];
+    parts.iter().filter(|(_, differs)| *differs).map(|(name, _)| *name).collect()
 }

@@ -159,6 +159,7 @@ fn of_store(error: &StoreError) -> ExitCode {
     match error {
         StoreError::NotFound { .. } => ExitCode::NoStore,
         StoreError::Format { .. } => ExitCode::Input,
+        StoreError::Locked { .. } => ExitCode::Locked,
         error if error.is_corrupt() => ExitCode::Corrupt,
         error if error.is_full() => ExitCode::Limit,
         _ => ExitCode::Failed,

@@ -11,24 +11,32 @@ mod completions;
 mod context;
 mod demo;
 mod diff;
+mod doctor;
 mod exit;
+mod gc;
 mod init;
 mod inspect;
 mod instructions;
 mod interrupt;
 mod loaded;
 mod opened;
+mod opened_store;
 mod output;
+mod pack;
 mod plan;
 mod read;
 mod reasons;
 mod render;
+mod repair;
 mod reporter;
 mod schema;
+mod stats;
 mod style;
 mod suggest;
 mod summary;
 mod truth;
+mod unpack;
+mod verify;
 mod watch;
 
 pub use context::Context;
@@ -73,6 +81,13 @@ enum Verb {
     Chart(chart::ChartArgs),
     Inspect(inspect::InspectArgs),
     Diff(diff::DiffArgs),
+    Verify(verify::VerifyArgs),
+    Pack(pack::PackArgs),
+    Unpack(unpack::UnpackArgs),
+    Repair(repair::RepairArgs),
+    Gc(gc::GcArgs),
+    Stats(stats::StatsArgs),
+    Doctor(doctor::DoctorArgs),
     Schema(schema::SchemaArgs),
     Completions(completions::CompletionsArgs),
 }
@@ -90,6 +105,13 @@ impl Verb {
             Verb::Chart(_) => "chart",
             Verb::Inspect(_) => "inspect",
             Verb::Diff(_) => "diff",
+            Verb::Verify(_) => "verify",
+            Verb::Pack(_) => "pack",
+            Verb::Unpack(_) => "unpack",
+            Verb::Repair(_) => "repair",
+            Verb::Gc(_) => "gc",
+            Verb::Stats(_) => "stats",
+            Verb::Doctor(_) => "doctor",
             Verb::Schema(_) => "schema",
             Verb::Completions(_) => "completions",
         }
@@ -107,6 +129,13 @@ impl Verb {
             Verb::Chart(args) => chart::run(args, context),
             Verb::Inspect(args) => inspect::run(args, context),
             Verb::Diff(args) => diff::run(args, context),
+            Verb::Verify(args) => verify::run(args, context),
+            Verb::Pack(args) => pack::run(args, context),
+            Verb::Unpack(args) => unpack::run(args, context),
+            Verb::Repair(args) => repair::run(args, context),
+            Verb::Gc(args) => gc::run(args, context),
+            Verb::Stats(args) => stats::run(args, context),
+            Verb::Doctor(args) => doctor::run(args, context),
             Verb::Schema(args) => schema::run(args, context),
             Verb::Completions(args) => completions::run(args, context),
         }

@@ -3,8 +3,10 @@
 use super::args::ViewArgs;
 use super::read::{parse_asset, read, read_environment};
 use super::{Context, ExitCode, Failure};
+use prelight_manifests::AssetManifest;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::mesh::Mesh;
+use prelight_runtime::asset::open_file::{is_pack, store_of};
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::framing::automatic_view;
 use prelight_runtime::environment::Environment;
@@ -16,16 +18,16 @@ use std::path::{Path, PathBuf};
 /// Vertical field of view of `--eye`, degrees, where `--fov` is not given.
 const DEFAULT_FOV: f32 = 45.0;
 
-/// Opens an asset: `--store` wins over the store that the asset names, which is relative to the asset's folder.
+/// Opens an asset, packed or not: `--store` wins over the store that a manifest names, which is relative to the manifest's folder.
 pub fn open_asset(file: &Path, context: &Context) -> Result<Asset, Failure> {
-    let manifest = parse_asset(file, &read(file, context.memory)?)?;
-    let folder = match (&context.store, manifest.report.get("store").and_then(Value::as_str)) {
-        (Some(folder), _) => folder.clone(),
-        (None, Some(name)) => file.parent().unwrap_or(Path::new("")).join(name),
-        (None, None) => super::bake::default_store(file),
+    let opened = match is_pack(file) {
+        Ok(true) => Asset::open_file(file, None),
+        _ => {
+            let (manifest, store) = open_manifest(file, context)?;
+            Asset::open(manifest, &store)
+        }
     };
-    let store = Store::open(&folder)?;
-    Asset::open(manifest, &store).map_err(|error| match error {
+    opened.map_err(|error| match error {
         // The manifest is a chunk to the runtime, which knows no file; a person has a file in hand.
         RuntimeError::Chunk { kind: "asset", what, .. } => {
             let text = format!("{}: {what}, or damaged\n  help: bake again, or take the file from a copy", file.display());
@@ -33,6 +35,13 @@ pub fn open_asset(file: &Path, context: &Context) -> Result<Asset, Failure> {
         }
         error => anyhow::Error::new(error).context(format!("opening {}", file.display())).into(),
     })
+}
+
+/// A manifest and its store.
+pub fn open_manifest(file: &Path, context: &Context) -> Result<(AssetManifest, Store), Failure> {
+    let manifest = parse_asset(file, &read(file, context.memory)?)?;
+    let store = Store::open(context.store.clone().unwrap_or_else(|| store_of(file, &manifest)))?;
+    Ok((manifest, store))
 }
 
 /// The environment of that name in the asset, else the file; turned by `rotate` degrees more.

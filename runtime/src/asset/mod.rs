@@ -6,7 +6,11 @@ pub mod base;
 pub mod layout;
 pub mod mesh;
 pub mod open;
+#[cfg(feature = "fs")]
+pub mod open_file;
+pub mod open_pack;
 pub mod points;
 pub mod surface;
 
 pub use open::{Asset, AssetObject, AssetPatch};
+pub use open_pack::Aligned;

@@ -1,0 +1,133 @@
+//! `prelight repair`: sets aside what is wrong in a store and bakes it again, to the same digest.
+//!
+//! 1. `verify`, in full. 2. What it finds is moved to `bad/`; right chunks of damaged packs are saved. 3. For every asset that
+//!    lacks a chunk its scene is baked again: the ledger knows which patches are whole, so only those that made lost chunks are traced. The
+//!    scene is the one that the asset's report names, with the knobs that it was baked with, or the one named here. 4. The asset is sealed
+//!    again only if the digest is the same: a scene that was edited since is another asset.
+
+use super::args::BakeKnobs;
+use super::loaded::Loaded;
+use super::opened_store::open_store;
+use super::{Context, ExitCode, Failure, Summary};
+use clap::Args;
+use prelight_bake::BakeError;
+use prelight_bake::bake::bake;
+use prelight_bake::progress::Stage;
+use prelight_bake::seal::seal;
+use prelight_manifests::{AssetManifest, Digest};
+use prelight_store::{CheckOptions, Root, Store, StoreError};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Set aside what is wrong in the store and bake it again
+#[derive(Args, Debug)]
+pub struct RepairArgs {
+    /// Scene to bake assets again from, default the one that each asset names
+    #[arg(value_name = "SCENE")]
+    pub scene: Option<PathBuf>,
+    #[command(flatten)]
+    pub knobs: BakeKnobs,
+}
+
+/// Runs the verb.
+pub fn run(args: RepairArgs, context: &Context) -> Result<Summary, Failure> {
+    let store = open_store(context)?;
+    let options = CheckOptions { threads: context.jobs, resume: false, ..CheckOptions::default() };
+    let report = {
+        let stage = Stage::begin(context.progress(), "verify", None, "bytes");
+        let told = AtomicU64::new(0);
+        store.check(&options, &|bytes| {
+            stage.advance(bytes.saturating_sub(told.fetch_max(bytes, Ordering::Relaxed)));
+            !context.progress().is_cancelled()
+        })?
+    };
+    if !report.finished {
+        return Err(BakeError::Cancelled.into());
+    }
+    let found = report.findings.len();
+    let mut summary = Summary::new();
+    summary.set("found", found).set("dry_run", context.dry_run);
+    if context.dry_run {
+        let list: Vec<String> = report.findings.iter().map(|finding| format!("{}: {}", finding.file, finding.what)).collect();
+        let text = list.iter().fold(format!("{found} things would be set aside\n"), |text, line| text + "  " + line + "\n");
+        summary.set("findings", list).set_text(text);
+        summary.exit_code = if found > 0 { ExitCode::Found } else { ExitCode::Done };
+        return Ok(summary);
+    }
+    let aside = store.set_aside(&report.findings)?;
+    let store = Store::open(store.dir())?;
+    let mut assets = Vec::new();
+    for root in store.roots()? {
+        let before = lost_chunks(&store, &root)?;
+        if before == Some(0) {
+            continue;
+        }
+        let outcome = mend(&store, &root, &args, context);
+        let (mended, why) = match outcome {
+            Ok(()) => (true, String::new()),
+            Err(failure) if failure.code == ExitCode::Interrupted => return Err(failure),
+            Err(failure) => (false, failure.words().message),
+        };
+        assets.push((root.asset, before, mended, why));
+    }
+    let lost = assets.iter().filter(|(_, _, mended, _)| !mended).count();
+    let listed: Vec<Value> = assets
+        .iter()
+        .map(|(asset, chunks, mended, why)| json!({ "asset_digest": asset.to_string(), "chunks_lost": chunks, "mended": mended, "why": why }))
+        .collect();
+    summary
+        .set("moved", aside.moved.clone())
+        .set("saved", aside.saved)
+        .set("roots_made", aside.roots_made.iter().map(Digest::to_string).collect::<Vec<_>>())
+        .set("assets", listed);
+    let mut text = format!("{found} things were wrong: {} files set aside, {} chunks saved from them\n", aside.moved.len(), aside.saved);
+    for (asset, _, mended, why) in &assets {
+        text += &match mended {
+            true => format!("  asset {}: baked again, with the same digest\n", asset.short()),
+            false => format!("  asset {}: not restored: {why}\n", asset.short()),
+        };
+    }
+    if lost > 0 {
+        text += "name its scene and knobs (`prelight repair SCENE --points N`), or give an asset up with `prelight gc --forget DIGEST`\n";
+        summary.exit_code = ExitCode::Found;
+    }
+    summary.set_text(text);
+    Ok(summary)
+}
+
+/// Chunks that an asset lacks; `None` when not even its manifest can be read.
+fn lost_chunks(store: &Store, root: &Root) -> Result<Option<usize>, Failure> {
+    match store.missing_chunks(root) {
+        Ok(missing) => Ok(Some(missing.len())),
+        Err(error @ (StoreError::Missing { .. } | StoreError::Damaged { .. })) => {
+            drop(error);
+            Ok(None)
+        }
+        Err(error) if error.is_corrupt() => Ok(None),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Bakes an asset's scene again and seals it if nothing has changed.
+fn mend(store: &Store, root: &Root, args: &RepairArgs, context: &Context) -> Result<(), Failure> {
+    let manifest = store.manifest(root).ok();
+    let manifest = manifest.and_then(|text| AssetManifest::parse("manifest", std::str::from_utf8(&text).ok()?).ok());
+    let report: BTreeMap<String, Value> = manifest.map(|manifest| manifest.report).unwrap_or_default();
+    let text = |value: &Value| value.as_str().map(str::to_string);
+    let scene = args.scene.clone().or_else(|| report.get("scene").and_then(text).map(PathBuf::from));
+    let Some(scene) = scene else {
+        return Err(Failure::text(ExitCode::Found, "nothing says which scene it was baked from"));
+    };
+    let knobs = if args.scene.is_some() { args.knobs.clone() } else { BakeKnobs::from_json(report.get("knobs").unwrap_or(&Value::Null)) };
+    let loaded = Loaded::open(&scene, &knobs, context)?;
+    let baked = bake(&loaded.scene, &loaded.settings.options, store, context.progress())?;
+    if baked.asset_digest != root.asset {
+        let text =
+            format!("{} gives another asset now ({}): the scene or its knobs have changed", scene.display(), baked.asset_digest.short());
+        return Err(Failure::text(ExitCode::Found, text));
+    }
+    seal(&baked, report, store)?;
+    Ok(())
+}

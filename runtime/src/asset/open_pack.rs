@@ -1,0 +1,49 @@
+//! Opening an asset that is one piece: a `.prelight` file, or the bytes of one in the program itself.
+//!
+//! ```ignore
+//! static ROOM: &Aligned<[u8]> = &Aligned(*include_bytes!("room.prelight"));
+//! let asset = Asset::open_static("room", &ROOM.0)?;
+//! ```
+//!
+//! The arrays that shading reads are used where they lie: nothing of them is copied, neither from the program's bytes nor from a mapped
+//! file. Each chunk is verified against its digest when the asset is opened.
+
+use super::Asset;
+use crate::error::RuntimeError;
+use prelight_manifests::AssetManifest;
+use prelight_store::MemorySource;
+
+/// Bytes on a 64-byte boundary, for `include_bytes!`: at any other place each chunk would be copied.
+#[repr(C, align(64))]
+pub struct Aligned<T: ?Sized>(pub T);
+
+impl Asset {
+    /// Opens a packed asset that is part of the program. `name` stands in errors.
+    ///
+    /// # Errors
+    /// As [`Asset::open`]; bytes that are no packed asset.
+    pub fn open_static(name: &str, bytes: &'static [u8]) -> Result<Self, RuntimeError> {
+        let mut source = MemorySource::new();
+        source.add_static_pack(name, bytes)?;
+        Self::open_source(name, &source)
+    }
+
+    /// Opens a packed asset that came over a network or out of an archive; it is copied once, into aligned memory.
+    ///
+    /// # Errors
+    /// As [`Asset::open_static`].
+    pub fn open_bytes(name: &str, bytes: &[u8]) -> Result<Self, RuntimeError> {
+        let mut source = MemorySource::new();
+        source.add_pack(name, bytes)?;
+        Self::open_source(name, &source)
+    }
+
+    pub(super) fn open_source(name: &str, source: &MemorySource) -> Result<Self, RuntimeError> {
+        let manifest = source.manifest()?;
+        let text = std::str::from_utf8(&manifest).map_err(|_| prelight_store::StoreError::Pack {
+            name: name.to_string(),
+            what: "its first chunk is not the manifest of an asset".to_string(),
+        })?;
+        Asset::open(AssetManifest::parse(name, text)?, source)
+    }
+}

@@ -1,0 +1,410 @@
+//! `verify`: every file of a store read and held against its checks. Reports; changes nothing but its own note of how far it came.
+//!
+//! | file | what must hold |
+//! |---|---|
+//! | root | its own check; its manifest and every chunk that it names are there |
+//! | segment | its own check, its name, every record parses |
+//! | pack | head, index, foot, name; chunks fill it without gap but zeros; each chunk as below |
+//! | object | its name and folder; the chunk as below |
+//! | chunk | the header's own check, its digest and length, blake3 of stored and of plain bytes |
+//!
+//! Files are read, not mapped: a disk that cannot give a page is a finding here and would kill a process that has it mapped. The order is
+//! that of the names, so `verify.state` (four lines and the findings so far, with a check of its own) says exactly where to go on.
+//! A sample is of chunks, chosen by hash of (seed, digest); heads, indexes and names are always checked.
+
+use crate::form::{decode_zstd, verify_raw};
+use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
+use crate::pack::{self, PACK_LINE_BYTES, PackEntry, PackFoot};
+use crate::store::Inner;
+use crate::{Form, Root, Store, StoreError, digest_of, ledger, os, reach};
+use prelight_manifests::Digest;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+const STATE: &str = "verify.state";
+const MAX_STATE: u64 = 256 << 20;
+
+/// Files between two notes of how far it came.
+const BATCH: usize = 64;
+
+/// How to verify.
+#[derive(Clone, Debug)]
+pub struct CheckOptions {
+    /// Share of the chunks whose bytes are read, 0..=1.
+    pub sample: f64,
+    /// Chooses the sample.
+    pub seed: u64,
+    /// Threads that read and hash.
+    pub threads: usize,
+    /// Go on where an earlier, unfinished check with the same sample and seed stopped.
+    pub resume: bool,
+}
+
+impl Default for CheckOptions {
+    fn default() -> Self {
+        CheckOptions { sample: 1.0, seed: 0, threads: 1, resume: true }
+    }
+}
+
+/// Something that does not hold.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Finding {
+    /// Relative to the store's folder.
+    pub file: String,
+    /// Where in it.
+    pub offset: u64,
+    /// The chunk, when it is one.
+    pub digest: Option<Digest>,
+    /// What does not hold.
+    pub what: String,
+}
+
+/// What a check has seen.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CheckReport {
+    /// Files read.
+    pub files: u64,
+    /// Chunks whose bytes were verified.
+    pub chunks: u64,
+    /// Stored bytes of those chunks.
+    pub bytes: u64,
+    /// What does not hold, in the order of the files' names.
+    pub findings: Vec<Finding>,
+    /// An earlier check was gone on with.
+    pub resumed: bool,
+    /// All files were seen; else it was stopped and the next check goes on.
+    pub finished: bool,
+}
+
+impl CheckReport {
+    fn add(&mut self, part: CheckReport) {
+        self.files += part.files;
+        self.chunks += part.chunks;
+        self.bytes += part.bytes;
+        self.findings.extend(part.findings);
+    }
+
+    fn find(&mut self, file: &str, offset: u64, digest: Option<Digest>, what: impl Into<String>) {
+        self.findings.push(Finding { file: file.to_string(), offset, digest, what: what.into() });
+    }
+}
+
+impl Store {
+    /// Verifies the store. `go_on` is called after each file with the bytes read so far, from any thread; false stops.
+    ///
+    /// # Errors
+    /// What the system says of the folders themselves. What is wrong with a file is a [`Finding`].
+    pub fn check(&self, options: &CheckOptions, go_on: &(dyn Fn(u64) -> bool + Sync)) -> Result<CheckReport, StoreError> {
+        self.refresh()?;
+        let files = self.files_to_check()?;
+        let state_path = self.dir().join(STATE);
+        let head = format!("prelight verify 1\nsample {} {}\n", options.sample, options.seed);
+        let mut report = CheckReport::default();
+        let mut first = 0;
+        if options.resume
+            && let Some((done, so_far)) = read_state(&os::read_small(&state_path, MAX_STATE)?.unwrap_or_default(), &head)
+        {
+            first = files.partition_point(|file| order(file) <= order(&done));
+            report = CheckReport { resumed: true, ..so_far };
+        }
+        let check = Check { inner: &self.inner, options };
+        let stop = AtomicBool::new(false);
+        for batch in files[first..].chunks(BATCH) {
+            let done = Mutex::new(Vec::new());
+            let next = AtomicUsize::new(0);
+            let before = report.bytes;
+            std::thread::scope(|scope| {
+                let work = || {
+                    while let Some((i, file)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, batch.get(i)?))) {
+                        if stop.load(Ordering::Relaxed) {
+                            return;
+                        }
+                        let part = check.file(file);
+                        let mut done = done.lock().expect("no panic under this lock");
+                        done.push((i, part));
+                        let bytes: u64 = done.iter().map(|(_, part): &(usize, CheckReport)| part.bytes).sum();
+                        drop(done);
+                        if !go_on(before + bytes) {
+                            stop.store(true, Ordering::Relaxed);
+                        }
+                    }
+                };
+                (1..options.threads.clamp(1, BATCH)).for_each(|_| drop(scope.spawn(work)));
+                work();
+            });
+            let mut done = done.into_inner().expect("no panic under this lock");
+            done.sort_by_key(|(i, _)| *i);
+            // Of a batch that was stopped only the files before the first gap count; the others are read again.
+            let whole = done.iter().zip(0..).take_while(|((i, _), n)| i == n).count();
+            done.into_iter().take(whole).for_each(|(_, part)| report.add(part));
+            if let Some(last) = whole.checked_sub(1) {
+                self.write_state(&head, &batch[last], &report);
+            }
+            if stop.load(Ordering::Relaxed) {
+                return Ok(report);
+            }
+        }
+        os::remove_temp_file(&state_path);
+        report.finished = true;
+        Ok(report)
+    }
+
+    /// All files, in the order of the check.
+    fn files_to_check(&self) -> Result<Vec<String>, StoreError> {
+        let dir = self.dir();
+        let mut files = Vec::new();
+        for folder in ["roots", "ledger", "packs"] {
+            files.extend(os::list(&dir.join(folder))?.iter().map(|name| format!("{folder}/{}", name.to_string_lossy())));
+        }
+        for fan in os::list(&dir.join("objects"))? {
+            let fan = fan.to_string_lossy();
+            let folder = dir.join("objects").join(&*fan);
+            if os::metadata(&folder)?.is_some_and(|metadata| metadata.is_dir()) {
+                files.extend(os::list(&folder)?.iter().map(|name| format!("objects/{fan}/{}", name.to_string_lossy())));
+            } else {
+                files.push(format!("objects/{fan}"));
+            }
+        }
+        files.sort_by(|a, b| order(a).cmp(&order(b)));
+        Ok(files)
+    }
+
+    /// Best effort: a store that cannot be written can be verified all the same, but not in parts.
+    fn write_state(&self, head: &str, done: &str, report: &CheckReport) {
+        let mut text = format!("{head}done {done}\ncounts {} {} {}\n", report.files, report.chunks, report.bytes);
+        for finding in &report.findings {
+            let digest = finding.digest.map_or("-".to_string(), |digest| digest.to_string());
+            let what = finding.what.replace(['\n', '\t'], " ");
+            text += &format!("finding {}\t{}\t{digest}\t{what}\n", finding.file.replace(['\n', '\t'], "?"), finding.offset);
+        }
+        text += &format!("check {}\n", digest_of(text.as_bytes()));
+        let temp = self.dir().join(format!("{STATE}.{}.part", os::unique_name()));
+        let written = os::write_new(&temp, &[text.as_bytes()]).and_then(|_| os::rename(&temp, &self.dir().join(STATE)));
+        if written.is_err() {
+            os::remove_temp_file(&temp);
+        }
+    }
+}
+
+/// Folders as they are checked: roots first, since a lost manifest is the worst news.
+fn order(file: &str) -> (usize, &str) {
+    let folders = ["roots/", "ledger/", "packs/", "objects/"];
+    (folders.iter().position(|folder| file.starts_with(folder)).unwrap_or(folders.len()), file)
+}
+
+fn read_state(bytes: &[u8], head: &str) -> Option<(String, CheckReport)> {
+    let text = std::str::from_utf8(bytes).ok()?;
+    let (body, check) = text.rsplit_once("check ")?;
+    if check.trim_end() != digest_of(body.as_bytes()).to_string() {
+        return None;
+    }
+    let mut lines = body.strip_prefix(head)?.lines();
+    let done = lines.next()?.strip_prefix("done ")?.to_string();
+    let counts: Vec<u64> = lines.next()?.strip_prefix("counts ")?.split(' ').map(|n| n.parse().ok()).collect::<Option<_>>()?;
+    let &[files, chunks, bytes] = &counts[..] else { return None };
+    let finding = |line: &str| {
+        let mut fields = line.strip_prefix("finding ")?.split('\t');
+        let (file, offset) = (fields.next()?.to_string(), fields.next()?.parse().ok()?);
+        let digest = fields.next()?.parse().ok();
+        Some(Finding { file, offset, digest, what: fields.next()?.to_string() })
+    };
+    let findings = lines.map(finding).collect::<Option<_>>()?;
+    Some((done, CheckReport { files, chunks, bytes, findings, ..CheckReport::default() }))
+}
+
+struct Check<'a> {
+    inner: &'a Arc<Inner>,
+    options: &'a CheckOptions,
+}
+
+impl Check<'_> {
+    fn file(&self, file: &str) -> CheckReport {
+        let mut report = CheckReport { files: 1, ..CheckReport::default() };
+        let (folder, name) = file.rsplit_once('/').unwrap_or(("", file));
+        let outcome = match folder {
+            "roots" => self.root(file, name, &mut report),
+            "ledger" => self.segment(file, name, &mut report),
+            "packs" => self.pack(file, name, &mut report),
+            _ => self.object(file, name, &mut report),
+        };
+        if let Err(error) = outcome {
+            report.find(file, 0, None, format!("cannot be read: {error}"));
+        }
+        report
+    }
+
+    /// The file's bytes; `None` when it has gone since it was listed.
+    fn read(&self, file: &str) -> Result<Option<crate::aligned::AlignedBytes>, StoreError> {
+        let path = self.inner.dir.join(file);
+        let Some((_, bytes)) = os::open_sized(&path)? else { return Ok(None) };
+        os::read_aligned(&path, 0, bytes)
+    }
+
+    fn root(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
+        let Some(bytes) = self.read(file)? else { return Ok(()) };
+        let root = std::str::from_utf8(bytes.as_ref()).ok().and_then(Root::parse).filter(|root| root.asset.to_string() == name);
+        let Some(root) = root else {
+            report.find(file, 0, None, "it is not a root, or fails its own check");
+            return Ok(());
+        };
+        let store = Store { inner: self.inner.clone() };
+        let text = match self.inner.find(&root.manifest, root.manifest_bytes)? {
+            None => {
+                report.find(file, 0, Some(root.manifest), "its manifest is not in the store, or is damaged");
+                return Ok(());
+            }
+            Some(_) => match store.peek_object(&root.manifest)? {
+                Some(text) => text,
+                None => return Ok(()), // the object's own finding
+            },
+        };
+        match reach::named(&text) {
+            None => report.find(file, 0, Some(root.manifest), "its manifest is not JSON"),
+            Some(named) => {
+                for (digest, bytes) in named {
+                    if self.inner.find(&digest, bytes)?.is_none() {
+                        report.find(file, 0, Some(digest), "it names a chunk that is not in the store");
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn segment(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
+        let Some(bytes) = self.read(file)? else { return Ok(()) };
+        match ledger::parse_segment(bytes.as_ref()) {
+            Err(what) => report.find(file, 0, None, what),
+            Ok(_) if name != format!("{}.segment", ledger::segment_name(bytes.as_ref())) => {
+                report.find(file, 0, None, "its name is not its check");
+            }
+            Ok(_) => {}
+        }
+        Ok(())
+    }
+
+    fn pack(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
+        let Some(bytes) = self.read(file)? else { return Ok(()) };
+        let bytes = bytes.as_ref();
+        let mut entries = match pack::parse(bytes) {
+            Ok(entries) => {
+                let foot = PackFoot::decode(&bytes[bytes.len() - PACK_LINE_BYTES..], bytes.len() as u64);
+                if foot.is_ok_and(|foot| name != format!("{}.pack", foot.name())) {
+                    report.find(file, 0, None, "its name is not the check in its foot");
+                }
+                self.gaps(file, bytes, &entries, report);
+                entries
+            }
+            Err(what) => {
+                report.find(file, 0, None, what);
+                pack::scan(bytes)
+            }
+        };
+        entries.sort_by_key(|entry| entry.offset);
+        for entry in entries.iter().filter(|entry| self.is_sampled(&entry.digest)) {
+            let range = entry.range();
+            self.chunk(file, entry.offset, &entry.digest, &bytes[range.start as usize..range.end as usize], report);
+        }
+        Ok(())
+    }
+
+    /// Between chunks lie zeros up to a multiple of 64, and nothing else.
+    fn gaps(&self, file: &str, pack: &[u8], entries: &[PackEntry], report: &mut CheckReport) {
+        let mut places: Vec<(usize, usize)> = entries.iter().map(|e| (e.range().start as usize, e.range().end as usize)).collect();
+        places.sort_unstable();
+        let index = pack.len() - (entries.len() + 1) * PACK_LINE_BYTES;
+        places.push((index, pack.len()));
+        let mut end = PACK_LINE_BYTES;
+        for (start, next_end) in places {
+            let gap = pack.get(end..start);
+            if gap.is_none_or(|gap| gap.len() >= PACK_LINE_BYTES || gap.iter().any(|byte| *byte != 0)) {
+                report.find(file, end as u64, None, "between two chunks lies something else than padding");
+            }
+            end = next_end;
+        }
+    }
+
+    fn object(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
+        let Some(digest) = name.parse::<Digest>().ok().filter(|digest| Inner::object_name(digest) == file) else {
+            report.find(file, 0, None, "no object has this name");
+            return Ok(());
+        };
+        let path = self.inner.dir.join(file);
+        let Some((mut opened, bytes)) = os::open_sized(&path)? else { return Ok(()) };
+        if !self.is_sampled(&digest) {
+            let mut head = [0; CHUNK_HEADER_BYTES];
+            let header = match os::read_at(&mut opened, &path, 0, &mut head)? {
+                true => ChunkHeader::decode(&head),
+                false => Err("it is cut inside its header"),
+            };
+            match header {
+                Err(what) => report.find(file, 0, Some(digest), what),
+                Ok(header) if header.digest != digest || header.stored_bytes.checked_add(CHUNK_HEADER_BYTES as u64) != Some(bytes) => {
+                    report.find(file, 0, Some(digest), "its header does not fit its name and length");
+                }
+                Ok(_) => {}
+            }
+            return Ok(());
+        }
+        if let Some(bytes) = os::read_aligned(&path, 0, bytes)? {
+            self.chunk(file, 0, &digest, bytes.as_ref(), report);
+        }
+        Ok(())
+    }
+
+    /// Header and stored bytes of one chunk, nothing after them.
+    fn chunk(&self, file: &str, offset: u64, digest: &Digest, bytes: &[u8], report: &mut CheckReport) {
+        report.chunks += 1;
+        report.bytes += bytes.len() as u64;
+        if let Err(what) = verify_chunk(digest, bytes) {
+            report.find(file, offset, Some(*digest), what);
+        }
+    }
+
+    fn is_sampled(&self, digest: &Digest) -> bool {
+        let hash = digest_of(&[&self.options.seed.to_le_bytes(), &digest.0[..]].concat());
+        let unit = u64::from_le_bytes(hash.0[..8].try_into().expect("eight bytes")) as f64 / u64::MAX as f64;
+        self.options.sample >= 1.0 || unit < self.options.sample
+    }
+}
+
+/// Whether header and stored bytes are those of the chunk of this digest.
+pub(crate) fn verify_chunk(digest: &Digest, bytes: &[u8]) -> Result<(), &'static str> {
+    let header = ChunkHeader::decode(bytes)?;
+    if header.digest != *digest {
+        return Err("another chunk lies there");
+    }
+    let stored = &bytes[CHUNK_HEADER_BYTES..];
+    if header.stored_bytes != stored.len() as u64 {
+        return Err("its length on disk is not the one it was written with");
+    }
+    let fault = match header.form {
+        Form::Raw => verify_raw(&header, stored).err(),
+        Form::Zstd => decode_zstd(&header, stored).err(),
+    };
+    match fault {
+        None => Ok(()),
+        Some(crate::form::Fault::Corrupt(what)) => Err(what),
+        Some(crate::form::Fault::Memory { .. }) => Err("it does not fit into memory, so it was not decoded"),
+        Some(_) => Err("it has a form or length that this build cannot read"),
+    }
+}
+
+impl Store {
+    /// Plain bytes of an object, verified, without setting anything aside; `None` when it is not there or does not hold.
+    pub(crate) fn peek_object(&self, digest: &Digest) -> Result<Option<Vec<u8>>, StoreError> {
+        let path = self.dir().join(Inner::object_name(digest));
+        let Some((_, bytes)) = os::open_sized(&path)? else { return Ok(None) };
+        let Some(bytes) = os::read_aligned(&path, 0, bytes)? else { return Ok(None) };
+        let bytes = bytes.as_ref();
+        if verify_chunk(digest, bytes).is_err() {
+            return Ok(None);
+        }
+        let header = ChunkHeader::decode(bytes).expect("verified above");
+        let stored = &bytes[CHUNK_HEADER_BYTES..];
+        Ok(match header.form {
+            Form::Raw => Some(stored.to_vec()),
+            Form::Zstd => decode_zstd(&header, stored).ok().map(|plain| plain.as_ref().to_vec()),
+        })
+    }
+}
