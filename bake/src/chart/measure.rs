@@ -9,6 +9,7 @@ use super::technique::Technique;
 use crate::error::BakeError;
 use crate::progress::{Progress, Stage, check};
 use prelight_runtime::asset::Asset;
+use prelight_runtime::asset::surface::PointSurfaces;
 use prelight_runtime::baseline::pixel_product;
 use prelight_runtime::block_product::visibility::open_words;
 use prelight_runtime::brdf::GltfSurface;
@@ -152,7 +153,7 @@ fn oracle(asset: &Asset, sample: &[usize], light: &LightCubemap, eye: [f32; 3], 
             let view = toward(eye, position[point], surfaces.normal[point]);
             let diffuse = pixel_product::diffuse(light, &open);
             let glossy = pixel_product::glossy(light, &open, surfaces.normal[point], view, surfaces.roughness[point]);
-            let surface = GltfSurface { base_color: [BASE; 3], metallic: surfaces.metallic[point], roughness: surfaces.roughness[point] };
+            let surface = surface(&surfaces, point);
             let narrow = |rows: [f64; 3]| rows.map(|x| x as f32);
             let radiance = radiance(&surface, surfaces.normal[point], view, &diffuse.map(narrow), &glossy.map(narrow));
             compared.push((point, radiance));
@@ -160,6 +161,11 @@ fn oracle(asset: &Asset, sample: &[usize], light: &LightCubemap, eye: [f32; 3], 
         Ok(compared)
     };
     sample.par_iter().map(patch).collect()
+}
+
+fn surface(surfaces: &PointSurfaces, point: usize) -> GltfSurface {
+    let (metallic, roughness) = (surfaces.metallic[point], surfaces.roughness[point]);
+    GltfSurface { base_color: [BASE; 3], metallic, roughness, ..GltfSurface::default() }
 }
 
 fn toward(eye: [f32; 3], position: [f32; 3], normal: [f32; 3]) -> [f32; 3] {
@@ -183,7 +189,7 @@ fn errors(asset: &Asset, sample: &[usize], state: &State, truth: &Truth, eye: [f
         let count = points_of(state.technique, patch.points.len());
         for (point, expected) in truth.iter().filter(|(point, _)| *point < count) {
             let (n, point) = (surfaces.normal[*point], *point);
-            let surface = GltfSurface { base_color: [BASE; 3], metallic: surfaces.metallic[point], roughness: surfaces.roughness[point] };
+            let surface = surface(&surfaces, point);
             let view = toward(eye, position[point], n);
             test.push(radiance(&surface, n, view, &out.irradiance[point], &out.glossy[point]));
             reference.push(*expected);

@@ -79,13 +79,14 @@ impl PictureView {
                 mesh: asset.mesh(i),
                 irradiance: &all.irradiance[object.points.clone()],
                 glossy: &all.glossy[object.points.clone()],
+                coat: &[],
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();
         let background = |direction| environment.radiance(direction);
         let textures = asset.textures();
-        let scene =
-            DrawScene { objects: &objects, materials: asset.materials(), textures: &textures, background: &background, clay: false };
+        let (materials, tables) = (asset.materials(), asset.tables());
+        let scene = DrawScene { objects: &objects, materials, textures: &textures, tables, background: &background, clay: false };
         Ok(draw_visible(&scene, &self.visibility)?)
     }
 }
