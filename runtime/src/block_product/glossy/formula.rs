@@ -12,7 +12,7 @@
 //! | Phong | gain · z (1 − d₀)ˢ, d₀ = max(0, \|c − r\| − r)²/2 | 1.5 s (1 + s d₀) + 1/(2z²) |
 //! | measured | z · (the table's largest value from the half angle of t₀ on) | 1/r², as everything is taken apart down to cells |
 //!
-//! `most` bounds the lobe over the ball (tested). κ is half its second derivative relative to `most`, so that one sample at c is off by about
+//! `most` is meant as a bound over the ball; only results held to the oracle test it so far, not balls one by one. κ is half its second derivative relative to `most`, so that one sample at c is off by about
 //! `most` · κ · σ² for light with a mean square spread σ²: an estimate, good where σ is below the lobe's width, and cut off at `most`.
 //! m² is the larger squared width, c its smaller one's reciprocal, z the least n·l of the ball.
 

@@ -55,7 +55,7 @@ pub struct Accuracy {
 impl Accuracy {
     /// For measurements and converged pictures: 70 to 90 dB in linear radiance.
     pub const EXACT: Accuracy = Accuracy { relative: GLOSSY_TOLERANCE, floor: GLOSSY_FLOOR };
-    /// For a display: errors of about a thousandth of white, the sky's mean radiance standing for white.
+    /// For a display: meant for errors of about a thousandth of white, the sky's mean radiance standing for white; its PSNR is not measured yet.
     pub const DISPLAY: Accuracy = Accuracy { relative: 1e-2, floor: 0.25 };
 
     /// The accuracy that keeps glossy light out of a relative L2 error of `max_error`: a twentieth of it.
