@@ -129,7 +129,7 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, start: Instant, con
         }
     }
     let mut report = report(&summary, loaded, &asset, &folder);
-    report.insert("knobs".to_string(), args.knobs.to_json());
+    report.insert("knobs".to_string(), loaded.knobs.to_json());
     let manifest = seal(&baked, report, &store)?;
     write_atomically(&asset, |out| out.write_all(manifest.to_text().as_bytes()))?;
     Ok(summary)

@@ -1,7 +1,7 @@
 //! `prelight chart`: techniques against one another on a scene, as CSV, SVG and a page. Stops and resumes cell by cell.
 
 use super::args::{BakeKnobs, SceneArgs};
-use super::bake::{BakeArgs, RebakeArgs};
+use super::bake::{RebakeArgs, bake_file};
 use super::opened::{open_asset, open_environment};
 use super::output::write_atomically;
 use super::render::Picture;
@@ -99,10 +99,8 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
         std::fs::create_dir_all(&folder).map_err(|source| prelight_bake::BakeError::output(&folder, source))?;
     }
     let asset_path = args.output.join("scene.prelight.json");
-    let bake =
-        BakeArgs { scene: args.scene.clone(), output: Some(asset_path.clone()), knobs: args.knobs.clone(), rebake: RebakeArgs::default() };
     let was_empty = !context.store.clone().unwrap_or_else(|| super::bake::default_store(&asset_path)).exists();
-    let baked = super::bake::run(bake, context)?;
+    let baked = bake_file(&args.scene.scene, Some(asset_path.clone()), &args.knobs, &RebakeArgs::default(), context)?;
     let bake_seconds = bake_seconds(&args.output, &baked, was_empty, context)?;
     let asset = open_asset(&asset_path, context)?;
     let lights = lights(&args, &asset, context)?;

@@ -15,6 +15,8 @@ pub struct Loaded {
     pub scene: Scene,
     pub world: World,
     pub settings: Settings,
+    /// As they were asked for.
+    pub knobs: BakeKnobs,
 }
 
 impl Loaded {
@@ -43,6 +45,6 @@ impl Loaded {
         let scene = loaded.scene;
         let world = World::build(&scene);
         let settings = Settings::resolve(&input.manifest, &loaded.knobs, &scene, &world, knobs.points, memory)?;
-        Ok(Loaded { input, scene, world, settings })
+        Ok(Loaded { input, scene, world, settings, knobs: knobs.clone() })
     }
 }

@@ -11,7 +11,7 @@ use super::opened_store::open_store;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_bake::BakeError;
-use prelight_bake::bake::bake;
+use prelight_bake::bake::bake_world;
 use prelight_bake::progress::Stage;
 use prelight_bake::seal::seal;
 use prelight_manifests::{AssetManifest, Digest};
@@ -122,7 +122,7 @@ fn mend(store: &Store, root: &Root, args: &RepairArgs, context: &Context) -> Res
     };
     let knobs = if args.scene.is_some() { args.knobs.clone() } else { BakeKnobs::from_json(report.get("knobs").unwrap_or(&Value::Null)) };
     let loaded = Loaded::open(&scene, &knobs, context)?;
-    let baked = bake(&loaded.scene, &loaded.settings.options, store, context.progress())?;
+    let baked = bake_world(&loaded.scene, &loaded.world, &loaded.settings.options, store, context.progress())?;
     if baked.asset_digest != root.asset {
         let text =
             format!("{} gives another asset now ({}): the scene or its knobs have changed", scene.display(), baked.asset_digest.short());
