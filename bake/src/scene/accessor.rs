@@ -8,12 +8,17 @@ use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
 use gltf::json::{Accessor, Root};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
-/// The bytes of every buffer, each cut to its declared length.
+/// The bytes of every buffer, each cut to its declared length, and what was decompressed.
 pub(super) struct Buffers<'a> {
     pub source: Source<'a>,
     pub root: &'a Root,
     pub bytes: Vec<Cow<'a, [u8]>>,
+    /// `[views]` what compressed buffer views hold; may be shorter than the file's list.
+    pub views: Vec<Option<Vec<u8>>>,
+    /// Elements of accessors that a Draco stream holds, tightly packed in the accessor's own type.
+    pub accessors: BTreeMap<usize, Vec<u8>>,
 }
 
 /// Elements in a buffer view, or zeros.
@@ -48,18 +53,24 @@ pub(super) struct View<'a> {
 }
 
 impl<'a> Buffers<'a> {
-    /// The bytes of a buffer view.
+    /// The bytes of a buffer view, decompressed.
     pub fn view(&self, index: usize) -> Result<&[u8], SceneError> {
         let at = || format!("bufferViews[{index}]");
+        if let Some(Some(decoded)) = self.views.get(index) {
+            return Ok(decoded);
+        }
         let view = self.root.buffer_views.get(index).ok_or_else(|| self.source.invalid(at(), "does not exist"))?;
-        let buffer: &[u8] = self.bytes.get(view.buffer.value()).ok_or_else(|| self.source.invalid(at(), "its buffer does not exist"))?;
-        let start = view.byte_offset.map_or(0, |o| o.0);
-        let length = view.byte_length.0;
+        self.range(view.buffer.value(), view.byte_offset.map_or(0, |o| o.0), view.byte_length.0, &at())
+    }
+
+    /// Bytes of a buffer.
+    pub fn range(&self, buffer: usize, start: u64, length: u64, at: &str) -> Result<&[u8], SceneError> {
+        let buffer: &[u8] = self.bytes.get(buffer).ok_or_else(|| self.source.invalid(at, "its buffer does not exist"))?;
         match start.checked_add(length) {
             Some(end) if end <= buffer.len() as u64 => Ok(&buffer[start as usize..end as usize]),
             _ => {
                 let what = format!("bytes {start} + {length} reach beyond the buffer's {}", buffer.len());
-                Err(self.source.invalid(at(), what))
+                Err(self.source.invalid(at, what))
             }
         }
     }
@@ -82,9 +93,11 @@ impl<'a> Buffers<'a> {
         if count > u64::from(u32::MAX) {
             return Err(invalid(&format!("{count} elements: more than any index can name")));
         }
-        let base = match accessor.buffer_view {
-            None => None,
-            Some(view) => {
+        let base = match (self.accessors.get(&index), accessor.buffer_view) {
+            // Its length was made from this very accessor.
+            (Some(bytes), _) => Some(Elements { bytes, stride: component.size() * lanes, component }),
+            (None, None) => None,
+            (None, Some(view)) => {
                 Some(self.elements(&at(), view.value(), accessor.byte_offset.map_or(0, |o| o.0), count, component, lanes, true)?)
             }
         };

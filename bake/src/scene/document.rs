@@ -7,10 +7,11 @@
 
 use super::error::{Budget, SceneError, Source};
 use super::warnings::{Warnings, quote};
-use super::{extension, glb, variant};
+use super::{draco, extension, glb, variant};
 use gltf::json::validation::{Error, Validate};
 use gltf::json::{Path, Root};
 use serde_json::{Value, json};
+use std::collections::HashSet;
 use std::ops::Range;
 
 /// A checked file.
@@ -240,12 +241,19 @@ fn validate(source: Source, root: &Root) -> Result<(), SceneError> {
             }
         }
     }
+    // Validation asks every accessor for a buffer view; those that Draco fills have none.
+    let explained = draco::explained(root);
+    let excused: HashSet<String> =
+        explained.iter().enumerate().filter(|(_, explained)| **explained).map(|(i, _)| format!("accessors[{i}].bufferView")).collect();
     let mut first: Option<(Path, Error)> = None;
     root.validate(root, Path::new, &mut |path, error| {
-        // Required extensions have been held against our own table. (An extension that explains a missing bufferView, such as
-        // mesh compression, will be dropped here too once it is read.)
-        if first.is_none() && error != Error::Unsupported {
-            first = Some((path(), error));
+        // Required extensions have been held against our own table.
+        if first.is_some() || error == Error::Unsupported {
+            return;
+        }
+        let path = path();
+        if error != Error::Missing || !excused.contains(path.as_str()) {
+            first = Some((path, error));
         }
     });
     match first {

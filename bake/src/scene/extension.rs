@@ -7,7 +7,11 @@ use std::collections::BTreeMap;
 
 /// Read in full.
 const READ: &[&str] = &[
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
     "EXT_texture_webp",
+    #[cfg(feature = "draco")]
+    "KHR_draco_mesh_compression",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
@@ -17,6 +21,7 @@ const READ: &[&str] = &[
     "KHR_materials_unlit",
     "KHR_materials_variants",
     "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
     "KHR_texture_transform",
 ];
 
@@ -35,13 +40,10 @@ const REMARKS: &[(&str, &str)] = &[
 
 /// Ways out of a required extension.
 pub(super) const WAYS_OUT: &[(&str, &str)] = &[
-    ("KHR_draco_mesh_compression", "export it without Draco compression (Blender: untick Compression)"),
-    ("EXT_meshopt_compression", "export it without meshopt compression (gltfpack: leave out -c and -cc)"),
-    ("KHR_meshopt_compression", "export it without meshopt compression (gltfpack: leave out -c, -cc and -cz)"),
+    ("KHR_draco_mesh_compression", super::draco::WAY_OUT),
     ("KHR_texture_basisu", "run: gltf-transform ktxdecompress IN.glb OUT.glb"),
     ("EXT_texture_avif", "convert its textures to PNG or JPEG (gltf-transform png IN.glb OUT.glb)"),
     ("MSFT_texture_dds", "convert its textures to PNG or JPEG"),
-    ("EXT_mesh_gpu_instancing", "export it with one node per instance"),
     ("KHR_lights_punctual", "delete it from extensionsRequired: lights of the file do not light the scene, environments do"),
 ];
 

@@ -1,7 +1,7 @@
 //! Reads `.glb` and `.gltf` files.
 //!
 //! In this order, so that nothing is done for a file that will be refused, and nothing is allocated before it is counted: the
-//! description (`document`), the node tree, buffers, every accessor against its buffer, materials, sizes of meshes and images,
+//! description (`document`), the node tree, buffers, what is compressed in them, every accessor against its buffer, materials, sizes of meshes and images,
 //! then pixels and vertices on all threads.
 
 use super::accessor::Buffers;
@@ -10,11 +10,12 @@ use super::error::{Budget, SceneError, Source};
 use super::mesh::{self, Palette, Plan};
 use super::warnings::{Warnings, label};
 use super::world::{Placement, WorldSize, has_area};
-use super::{Mesh, Object, Scene, material, node, resource, texture};
+use super::{Mesh, Object, Scene, draco, instance, material, meshopt, node, pose, resource, texture};
 use gltf::json::Root;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -80,8 +81,7 @@ pub(super) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
     let mut with_path = vec![false; root.nodes.len()];
     extras.nodes.iter().for_each(|(index, _)| with_path[*index] = true);
     let tree = node::walk(source, &root, scene, &with_path, budget, &mut warnings)?;
-    let node_mesh = |index: usize| root.nodes[index].mesh.map(|mesh| mesh.value());
-    let mut used: Vec<usize> = tree.meshes.iter().filter_map(|placed| node_mesh(placed.node)).collect();
+    let mut used: Vec<usize> = tree.meshes.iter().filter_map(|placed| root.nodes[placed.node].mesh).map(|mesh| mesh.value()).collect();
     used.sort_unstable();
     used.dedup();
     let nothing = |what: &str| {
@@ -93,10 +93,16 @@ pub(super) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
     }
 
     let bytes = read_buffers(source, &root, file, binary, budget)?;
-    let buffers = Buffers { source, root: &root, bytes };
+    let mut buffers = Buffers { source, root: &root, bytes, views: Vec::new(), accessors: BTreeMap::new() };
+    buffers.views = meshopt::decode(&buffers, budget)?;
+    buffers.accessors = draco::decode(&buffers, &draco::streams(&buffers, &used)?, budget)?;
     for index in 0..root.accessors.len() {
         buffers.accessor(index)?;
     }
+    let placed = instance::expand(&buffers, tree.meshes, budget)?;
+    let nodes: Vec<usize> = placed.iter().map(|placed| placed.node).collect();
+    let (shapes, shape_of) = pose::shapes(&buffers, &nodes)?;
+    let joints = pose::joints(&buffers, &shapes, budget)?;
     let mut palette = Vec::with_capacity(root.materials.len());
     let mut wanted = texture::Wanted::default();
     let in_use = materials_in_use(&root, &used);
@@ -104,9 +110,13 @@ pub(super) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
         palette.push(material::read(source, &root, index, in_use[index], &mut wanted, &mut warnings)?);
     }
     let mut palette = Palette::new(palette);
-    let plans: Vec<Vec<Plan>> =
-        used.iter().map(|&mesh| mesh::plan(&buffers, mesh, &mut palette, budget, &mut warnings)).collect::<Result<_, _>>()?;
-    count_instances(source, &tree.meshes, &used, &plans, node_mesh, budget)?;
+    let unskinned = Arc::new(Vec::new());
+    let plan = |shape: &pose::Shape| {
+        let joints = shape.skin.map_or(&unskinned, |skin| &joints[skin]);
+        mesh::plan(&buffers, shape, joints, &mut palette, budget, &mut warnings)
+    };
+    let plans: Vec<Vec<Plan>> = shapes.iter().map(plan).collect::<Result<_, _>>()?;
+    count_instances(source, &shape_of, &plans, budget)?;
     if plans.iter().all(Vec::is_empty) {
         return Err(nothing("its meshes have no triangles"));
     }
@@ -115,11 +125,12 @@ pub(super) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
     let meshes: Vec<Option<Arc<Mesh>>> = (mesh::read(&buffers, &plans)?.into_iter())
         .map(|mesh| if mesh.primitives.is_empty() { None } else { Some(Arc::new(mesh)) })
         .collect();
-    let mut objects = Vec::with_capacity(tree.meshes.len());
-    for placed in &tree.meshes {
-        let mesh = node_mesh(placed.node).and_then(|mesh| used.binary_search(&mesh).ok()).and_then(|at| meshes[at].clone());
-        if let Some(mesh) = mesh {
-            objects.push(Object { name: placed.name.clone(), mesh, world_from_local: placed.world_from_local });
+    let mut objects = Vec::with_capacity(placed.len());
+    for (placed, shape) in placed.into_iter().zip(shape_of) {
+        if let Some(mesh) = meshes[shape].clone() {
+            // Skinned vertices are in world space already.
+            let world_from_local = if shapes[shape].skin.is_some() { node::IDENTITY } else { placed.world_from_local };
+            objects.push(Object { name: placed.name, mesh, world_from_local });
         }
     }
     if count_degenerate(&objects, &mut warnings) == 0 {
@@ -162,6 +173,10 @@ fn read_buffers<'a>(
     for (index, buffer) in root.buffers.iter().enumerate() {
         let at = label("buffers", index, buffer.name.as_deref());
         let length = buffer.byte_length.0;
+        if meshopt::is_placeholder(root, index) {
+            buffers.push(Cow::Borrowed(&[][..]));
+            continue;
+        }
         let bytes: Cow<[u8]> = match (&buffer.uri, &binary) {
             (Some(uri), _) => Cow::Owned(resource::read_uri(source, uri, &at, Some(length), budget)?),
             (None, Some(range)) if index == 0 => Cow::Borrowed(&file[range.clone()]),
@@ -191,22 +206,13 @@ fn materials_in_use(root: &Root, meshes: &[usize]) -> Vec<bool> {
 }
 
 /// Counts the flattened scene: instances of one mesh each have their own triangles there.
-fn count_instances(
-    source: Source,
-    placed: &[node::Placed],
-    used: &[usize],
-    plans: &[Vec<Plan>],
-    node_mesh: impl Fn(usize) -> Option<usize>,
-    budget: &mut Budget,
-) -> Result<(), SceneError> {
+fn count_instances(source: Source, shape_of: &[usize], plans: &[Vec<Plan>], budget: &mut Budget) -> Result<(), SceneError> {
     // Summed per mesh first: a million nodes times a million primitives must not be walked.
     let total = |plans: &Vec<Plan>| plans.iter().fold((0, 0), |(t, v), plan| (t + plan.triangles, v + plan.vertices));
     let totals: Vec<(u64, u64)> = plans.iter().map(total).collect();
     let mut size = WorldSize::default();
-    for placed in placed {
-        if let Some(at) = node_mesh(placed.node).and_then(|mesh| used.binary_search(&mesh).ok()) {
-            size.add(totals[at].0, totals[at].1);
-        }
+    for &shape in shape_of {
+        size.add(totals[shape].0, totals[shape].1);
     }
     if size.triangles > u64::from(u32::MAX) {
         let what = format!("{} triangles with all instances, more than {}", size.triangles, u32::MAX);

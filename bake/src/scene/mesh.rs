@@ -3,13 +3,20 @@
 use super::accessor::{Buffers, View};
 use super::error::{Budget, SceneError};
 use super::material::{Resolved, Slot};
+use super::node::Matrix;
+use super::pose::{self, Pose, Shape, Target};
 use super::warnings::{Warnings, label};
+use super::world::Placement;
 use super::{Mesh, Primitive, tangent};
 use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::Checked;
 use prelight_runtime::surface::TextureRef;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// JOINTS_n and WEIGHTS_n that are read, four joints each.
+const MOST_INFLUENCE_SETS: u32 = 4;
 
 /// What one primitive will become.
 pub(super) struct Plan {
@@ -21,6 +28,7 @@ pub(super) struct Plan {
     uvs: [Option<(usize, Slot)>; 2],
     indices: Option<usize>,
     material: u32,
+    pose: Pose,
     /// Set of texture coordinates for which tangents have to be made.
     make_tangents: Option<usize>,
     /// Upper bounds, for the count of a flattened scene.
@@ -76,14 +84,16 @@ impl Palette {
     }
 }
 
-/// Plans all primitives of one mesh; those without triangles are left out and counted.
+/// Plans all primitives of one shape; those without triangles are left out and counted. `joints` are the matrices of its skin.
 pub(super) fn plan(
     buffers: &Buffers,
-    mesh: usize,
+    shape: &Shape,
+    joints: &Arc<Vec<Matrix>>,
     palette: &mut Palette,
     budget: &mut Budget,
     warnings: &mut Warnings,
 ) -> Result<Vec<Plan>, SceneError> {
+    let mesh = shape.mesh;
     let json = &buffers.root.meshes[mesh];
     let name = label("meshes", mesh, json.name.as_deref());
     let mut plans = Vec::new();
@@ -123,8 +133,22 @@ pub(super) fn plan(
             warnings.note("primitives without triangles", at);
             continue;
         }
-        if primitive.targets.as_ref().is_some_and(|targets| !targets.is_empty()) {
-            warnings.note("morph targets are not read: the base shape is used", at);
+        let mut pose = Pose::default();
+        for (target, &weight) in primitive.targets.iter().flatten().zip(&shape.weights).filter(|(_, weight)| **weight != 0.0) {
+            let index = |index: Option<gltf::json::Index<gltf::json::Accessor>>| matching(index.map(|index| index.value()));
+            let (positions, normals, tangents) = (index(target.positions)?, index(target.normals)?, index(target.tangents)?);
+            pose.targets.push(Target { weight, positions, normals, tangents });
+        }
+        if shape.skin.is_some() {
+            for set in 0..MOST_INFLUENCE_SETS {
+                let (of, by) = (matching(attribute(Semantic::Joints(set)))?, matching(attribute(Semantic::Weights(set)))?);
+                let (Some(of), Some(by)) = (of, by) else { break };
+                pose.influences.push((of, by));
+            }
+            if pose.influences.is_empty() {
+                return Err(buffers.source.invalid(at(), "a skinned primitive without JOINTS_0 and WEIGHTS_0"));
+            }
+            pose.joints = joints.clone();
         }
 
         let mut material = match primitive.material {
@@ -155,11 +179,13 @@ pub(super) fn plan(
             + if colors.is_some() { 16 } else { 0 }
             + 8 * uvs.iter().flatten().count() as u64;
         // Indices are held twice while they are put together; tangents are summed in f64.
-        let scratch = if make_tangents.is_some() { 48 * vertices } else { 0 };
+        let morphing = if pose.targets.is_empty() { 0 } else { 48 * count };
+        let skinning = if pose.influences.is_empty() { 0 } else { (32 + 128 + size_of::<Placement>() as u64) * count };
+        let scratch = morphing + skinning + if make_tangents.is_some() { 48 * vertices } else { 0 };
         let bytes = vertices * per_vertex + 12 * triangles + 4 * corners + scratch;
         budget.charge(at(), &format!("{count} vertices and {triangles} triangles"), bytes)?;
         let indices = primitive.indices.map(|index| index.value());
-        plans.push(Plan { mode, positions, normals, tangents, colors, uvs, indices, material, make_tangents, triangles, vertices });
+        plans.push(Plan { mode, positions, normals, tangents, colors, uvs, indices, material, pose, make_tangents, triangles, vertices });
     }
     Ok(plans)
 }
@@ -188,6 +214,7 @@ fn primitive(buffers: &Buffers, plan: &Plan) -> Result<Primitive, SceneError> {
     };
     let uvs = [uv(0)?, uv(1)?];
     let mut primitive = Primitive { positions, normals, tangents, uvs, colors, triangles, material: plan.material };
+    pose::apply(buffers, &plan.pose, &mut primitive)?;
     if let Some(set) = plan.make_tangents {
         tangent::make(&mut primitive, set);
     }

@@ -7,6 +7,7 @@ mod accessor;
 mod assemble;
 pub mod change;
 mod document;
+mod draco;
 mod error;
 pub mod export;
 mod extension;
@@ -18,6 +19,7 @@ pub mod gltf;
 #[cfg(test)]
 mod hostile;
 pub mod input;
+mod instance;
 #[cfg(test)]
 mod legal;
 mod lobes;
@@ -25,11 +27,13 @@ mod material;
 #[cfg(test)]
 mod material_tests;
 mod mesh;
+mod meshopt;
 mod node;
 mod obj;
 pub mod overrides;
 mod parts;
 mod ply;
+mod pose;
 mod resource;
 #[cfg(test)]
 mod shared_scenes;

@@ -15,7 +15,7 @@ use std::collections::{HashMap, HashSet};
 /// Column-major affine matrix.
 pub(super) type Matrix = [f64; 16];
 
-const IDENTITY: Matrix = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+pub(super) const IDENTITY: Matrix = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 
 /// A node of the scene that has something to show.
 pub(super) struct Placed {
@@ -127,10 +127,6 @@ pub(super) fn walk(
                 Err(why) => warnings.note(why, at),
             }
         }
-        if node.skin.is_some() {
-            warnings
-                .note("skins are not read: skinned meshes stand where their node stands", || label("nodes", index, node.name.as_deref()));
-        }
         let children: Vec<usize> = node.children.iter().flatten().map(|child| child.value()).collect();
         let prefix = path.len();
         stack.extend(named(root, &children).into_iter().rev().map(|(node, name)| Step { node, name, prefix, parent: world }));
@@ -142,9 +138,27 @@ pub(super) fn walk(
     Ok(tree)
 }
 
+/// World transforms of all nodes, by index, in whatever scene they are. The nodes must be a forest ([`check`]).
+pub(super) fn worlds(source: Source, root: &Root) -> Result<Vec<Matrix>, SceneError> {
+    let mut worlds = vec![IDENTITY; root.nodes.len()];
+    let mut has_parent = vec![false; root.nodes.len()];
+    root.nodes.iter().flat_map(|node| node.children.iter().flatten()).for_each(|child| has_parent[child.value()] = true);
+    let mut stack: Vec<usize> = (0..root.nodes.len()).filter(|&node| !has_parent[node]).collect();
+    for &node in &stack {
+        worlds[node] = local(source, node, &root.nodes[node])?;
+    }
+    while let Some(parent) = stack.pop() {
+        for child in root.nodes[parent].children.iter().flatten().map(|child| child.value()) {
+            worlds[child] = multiply(&worlds[parent], &local(source, child, &root.nodes[child])?);
+            stack.push(child);
+        }
+    }
+    Ok(worlds)
+}
+
 /// Names that have been given out.
 #[derive(Default)]
-struct Unique {
+pub(super) struct Unique {
     taken: HashSet<String>,
     /// The next number to try for a name, so that many equal names stay linear.
     next: HashMap<String, u64>,
@@ -152,7 +166,7 @@ struct Unique {
 
 impl Unique {
     /// The name itself the first time, then `name#2`, `name#3`.
-    fn take(&mut self, name: &str) -> String {
+    pub fn take(&mut self, name: &str) -> String {
         let mut result = name.to_string();
         while self.taken.contains(&result) {
             let n = self.next.entry(name.to_string()).or_insert(2);
@@ -185,16 +199,22 @@ fn local(source: Source, index: usize, node: &Node) -> Result<Matrix, SceneError
         }
         return Ok(matrix.map(f64::from));
     }
-    let t = node.translation.unwrap_or([0.0; 3]).map(f64::from);
-    let s = node.scale.unwrap_or([1.0; 3]).map(f64::from);
-    let q = node.rotation.unwrap_or_default().0.map(f64::from);
+    let t = node.translation.unwrap_or([0.0; 3]);
+    let s = node.scale.unwrap_or([1.0; 3]);
+    let q = node.rotation.unwrap_or_default().0;
     if !t.iter().chain(&s).chain(&q).all(|x| x.is_finite()) {
         return Err(source.invalid(at(), "a translation, rotation or scale that is not finite"));
     }
-    let [x, y, z, w] = q;
+    compose(t, q, s).ok_or_else(|| source.invalid(at(), "a rotation of length 0"))
+}
+
+/// T·R·S; `None` for a quaternion of length 0.
+pub(super) fn compose(t: [f32; 3], q: [f32; 4], s: [f32; 3]) -> Option<Matrix> {
+    let (t, s) = (t.map(f64::from), s.map(f64::from));
+    let [x, y, z, w] = q.map(f64::from);
     let length = (x * x + y * y) + (z * z + w * w);
     if length <= 0.0 {
-        return Err(source.invalid(at(), "a rotation of length 0"));
+        return None;
     }
     let k = 2.0 / length;
     let columns = [
@@ -209,7 +229,7 @@ fn local(source: Source, index: usize, node: &Node) -> Result<Matrix, SceneError
         }
     }
     m[12..15].copy_from_slice(&t);
-    Ok(m)
+    Some(m)
 }
 
 pub(super) fn multiply(a: &Matrix, b: &Matrix) -> Matrix {

@@ -1,0 +1,352 @@
+//! KHR_draco_mesh_compression: primitives whose vertices and indices are one Draco stream.
+//!
+//! The stream's attributes go by their unique ids to the accessors that the primitive names, and its faces to the accessor of the
+//! indices; each is packed in that accessor's own type, so that all later checks (extents, finite numbers, indices in range) see what
+//! they always see. Accessors that have a buffer view of their own are a fallback: then the stream is not looked at.
+//!
+//! The decoder is a young crate. So: the stream's counts are compared with the accessors' before it runs and charged to the memory
+//! limit; it runs under `catch_unwind`, silently; and what it returns is checked again, sizes, types and indices.
+//! Not covered by that: an entropy table that claims more symbols than the machine has memory for ends the process.
+
+use super::accessor::Buffers;
+use super::error::{Budget, SceneError, Source};
+use gltf::json::Root;
+use gltf::json::mesh::Primitive;
+use gltf::json::validation::Checked;
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+
+/// Name of the extension.
+pub(super) const NAME: &str = "KHR_draco_mesh_compression";
+
+/// A compressed primitive, checked as far as JSON goes.
+#[cfg_attr(not(feature = "draco"), allow(dead_code))]
+pub(super) struct Stream {
+    at: String,
+    view: usize,
+    /// (accessor, the stream's attribute).
+    attributes: Vec<(usize, u64)>,
+    indices: usize,
+    points: u64,
+    faces: u64,
+}
+
+fn extension(primitive: &Primitive) -> Option<&Value> {
+    primitive.extensions.as_ref()?.others.get(NAME)
+}
+
+/// Accessors whose missing buffer view the extension explains.
+pub(super) fn explained(root: &Root) -> Vec<bool> {
+    let mut explained = vec![false; root.accessors.len()];
+    for primitive in root.meshes.iter().flat_map(|mesh| &mesh.primitives).filter(|primitive| extension(primitive).is_some()) {
+        for index in primitive.attributes.values().chain(&primitive.indices) {
+            if let Some(explained) = explained.get_mut(index.value()) {
+                *explained = true;
+            }
+        }
+    }
+    explained
+}
+
+/// The streams of the meshes in use that have to be decoded; each stands for one primitive or several that share all accessors.
+pub(super) fn streams(buffers: &Buffers, meshes: &[usize]) -> Result<Vec<Stream>, SceneError> {
+    let (root, source) = (buffers.root, buffers.source);
+    let mut streams: Vec<Stream> = Vec::new();
+    let mut taken: BTreeMap<usize, (usize, u64)> = BTreeMap::new();
+    for &m in meshes {
+        for (p, primitive) in root.meshes[m].primitives.iter().enumerate() {
+            let Some(value) = extension(primitive) else { continue };
+            let at = format!("meshes[{m}].primitives[{p}].extensions.{NAME}");
+            let invalid = |what: &str| source.invalid(at.clone(), what);
+            let view = value.get("bufferView").and_then(Value::as_u64).filter(|&view| view < root.buffer_views.len() as u64);
+            let view = view.ok_or_else(|| invalid("no buffer view"))? as usize;
+            let empty = Map::new();
+            let ids = value.get("attributes").and_then(Value::as_object).unwrap_or(&empty);
+            let mut attributes = Vec::new();
+            for (semantic, accessor) in &primitive.attributes {
+                let Checked::Valid(semantic) = semantic else { continue };
+                let Some(id) = ids.get(&semantic.to_string()) else { continue };
+                let id = id.as_u64().ok_or_else(|| invalid("an attribute's id is not a number"))?;
+                attributes.push((accessor.value(), id));
+            }
+            attributes.sort_unstable();
+            let indices = primitive.indices.ok_or_else(|| invalid("compressed faces, but no accessor for indices"))?.value();
+            let bare = |accessor: usize| root.accessors[accessor].buffer_view.is_none();
+            if !bare(indices) && attributes.iter().all(|&(accessor, _)| !bare(accessor)) {
+                continue;
+            }
+            // u64::MAX stands for the faces.
+            let claims = attributes.iter().copied().chain([(indices, u64::MAX)]);
+            let mut known = 0;
+            for (accessor, id) in claims.clone() {
+                match taken.insert(accessor, (view, id)) {
+                    None => {}
+                    Some(before) if before == (view, id) => known += 1,
+                    Some(_) => return Err(invalid("an accessor that another compressed primitive fills otherwise")),
+                }
+            }
+            if known == claims.count() {
+                continue;
+            }
+            let points = attributes.first().map_or(0, |&(accessor, _)| root.accessors[accessor].count.0);
+            if attributes.iter().any(|&(accessor, _)| root.accessors[accessor].count.0 != points) {
+                return Err(invalid("accessors of different counts"));
+            }
+            let faces = root.accessors[indices].count.0;
+            if faces % 3 != 0 {
+                return Err(invalid("indices that are no triangles"));
+            }
+            streams.push(Stream { at, view, attributes, indices, points, faces: faces / 3 });
+        }
+    }
+    Ok(streams)
+}
+
+/// What this build says without a decoder.
+#[cfg(not(feature = "draco"))]
+pub(super) fn decode(buffers: &Buffers, streams: &[Stream], _: &mut Budget) -> Result<BTreeMap<usize, Vec<u8>>, SceneError> {
+    let Some(first) = streams.first() else { return Ok(BTreeMap::new()) };
+    let (file, name) = (buffers.source.name(), NAME.to_string());
+    let used_by = format!("used by {} primitives", streams.len());
+    Err(SceneError::Extension { file, name, at: first.at.clone(), used_by, help: WAY_OUT.to_string() })
+}
+
+/// What to do without a decoder.
+pub(super) const WAY_OUT: &str = "build with the feature `draco`, or export it without Draco compression (Blender: untick Compression)";
+
+#[cfg(feature = "draco")]
+pub(super) use decoder::decode;
+
+#[cfg(feature = "draco")]
+mod decoder {
+    use super::super::warnings::quote;
+    use super::*;
+    use draco_oxide_core::attribute::{Attribute, ComponentDataType};
+    use draco_oxide_core::mesh::Mesh;
+    use draco_oxide_core::types::PointIdx;
+    use gltf::json::accessor::ComponentType;
+    use rayon::prelude::*;
+    use std::cell::Cell;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    use std::sync::Once;
+
+    /// Bytes that decoding takes for a face and for each value of a point, beside what is kept; measured on spheres, rounded up.
+    const BYTES_PER_FACE: u64 = 256;
+    const BYTES_PER_VALUE: u64 = 64;
+
+    /// Decodes the streams on all threads: accessor -> its elements.
+    pub fn decode(buffers: &Buffers, streams: &[Stream], budget: &mut Budget) -> Result<BTreeMap<usize, Vec<u8>>, SceneError> {
+        for stream in streams {
+            super::counts::check(buffers.source, stream, buffers.view(stream.view)?)?;
+            let values = stream.points.saturating_mul(1 + stream.attributes.len() as u64);
+            let bytes = stream.faces.saturating_mul(BYTES_PER_FACE).saturating_add(values.saturating_mul(BYTES_PER_VALUE));
+            budget.charge(stream.at.clone(), &format!("{} compressed triangles", stream.faces), bytes)?;
+        }
+        let results: Vec<Result<Vec<(usize, Vec<u8>)>, SceneError>> = streams.par_iter().map(|stream| one(buffers, stream)).collect();
+        let mut accessors = BTreeMap::new();
+        for result in results {
+            accessors.extend(result?);
+        }
+        Ok(accessors)
+    }
+
+    fn one(buffers: &Buffers, stream: &Stream) -> Result<Vec<(usize, Vec<u8>)>, SceneError> {
+        let invalid = |what: String| buffers.source.invalid(stream.at.clone(), what);
+        let bytes = buffers.view(stream.view)?;
+        let mesh = quietly(|| draco_oxide_decoder::decode_mesh(bytes))
+            .ok_or_else(|| invalid("its Draco stream is damaged: the decoder gave up".into()))?
+            .map_err(|e| invalid(format!("its Draco stream cannot be decoded: {}", quote(&e.to_string()))))?;
+        let (points, faces) = (stream.points as usize, stream.faces as usize);
+        if mesh.faces.len() != faces {
+            return Err(invalid(format!("{} triangles in the stream, its indices say {faces}", mesh.faces.len())));
+        }
+        // The decoder numbers points with gaps; the accessors' vertices are those that triangles name.
+        let mut used: Vec<usize> = mesh.faces.iter().flatten().map(|&point| usize::from(point)).collect();
+        used.sort_unstable();
+        used.dedup();
+        if used.len() > points {
+            return Err(invalid(format!("{} vertices in the stream, its accessors say {points}", used.len())));
+        }
+        let mut out = Vec::with_capacity(stream.attributes.len() + 1);
+        for &(accessor, id) in &stream.attributes {
+            let found = attribute(&mesh, id).ok_or_else(|| invalid(format!("no attribute {id} in the stream")))?;
+            out.push((accessor, values(buffers.root, accessor, found, &used, points).map_err(invalid)?));
+        }
+        out.push((stream.indices, indices(buffers.root, stream.indices, &mesh, &used).map_err(invalid)?));
+        Ok(out)
+    }
+
+    fn attribute(mesh: &Mesh, id: u64) -> Option<&Attribute> {
+        mesh.attributes.iter().find(|attribute| attribute.get_id().as_usize() as u64 == id)
+    }
+
+    /// The attribute's value at every used point, in the accessor's type; the last one again for vertices without a triangle.
+    fn values(root: &Root, accessor: usize, attribute: &Attribute, used: &[usize], points: usize) -> Result<Vec<u8>, String> {
+        let json = &root.accessors[accessor];
+        let (Checked::Valid(component), Checked::Valid(kind)) = (json.component_type, &json.type_) else {
+            return Err("an accessor of a type that glTF does not have".into());
+        };
+        let same = matches!(
+            (component.0, attribute.get_component_type()),
+            (ComponentType::I8, ComponentDataType::I8)
+                | (ComponentType::U8, ComponentDataType::U8)
+                | (ComponentType::I16, ComponentDataType::I16)
+                | (ComponentType::U16, ComponentDataType::U16)
+                | (ComponentType::U32, ComponentDataType::U32)
+                | (ComponentType::F32, ComponentDataType::F32)
+        );
+        let size = component.0.size() * kind.multiplicity();
+        if !same || attribute.get_num_components() != kind.multiplicity() {
+            let found = (attribute.get_num_components(), attribute.get_component_type());
+            return Err(format!("accessors[{accessor}] is of another type than the stream's {} x {:?}", found.0, found.1));
+        }
+        let bytes = attribute.get_data_as_bytes();
+        let mut out = Vec::with_capacity(points * size);
+        for &point in used {
+            if point >= attribute.len() {
+                return Err(format!("a triangle beyond the stream's {} vertices", attribute.len()));
+            }
+            let at = usize::from(attribute.get_unique_val_idx(PointIdx::from(point))) * size;
+            out.extend_from_slice(bytes.get(at..).and_then(|rest| rest.get(..size)).ok_or("a value beyond the stream's own")?);
+        }
+        let last = out.len().saturating_sub(size);
+        while out.len() < points * size {
+            let again = out.get(last..last + size).map_or_else(|| vec![0; size], <[u8]>::to_vec);
+            out.extend_from_slice(&again);
+        }
+        Ok(out)
+    }
+
+    fn indices(root: &Root, accessor: usize, mesh: &Mesh, used: &[usize]) -> Result<Vec<u8>, String> {
+        let width = match root.accessors[accessor].component_type {
+            Checked::Valid(component) if matches!(component.0, ComponentType::U8 | ComponentType::U16 | ComponentType::U32) => {
+                component.0.size()
+            }
+            _ => return Err(format!("accessors[{accessor}]: indices are neither u8, u16 nor u32")),
+        };
+        let mut out = Vec::with_capacity(3 * width * mesh.faces.len());
+        for &point in mesh.faces.iter().flatten() {
+            let index = used.binary_search(&usize::from(point)).map_err(|_| "a triangle beyond its vertices")? as u64;
+            if index >> (8 * width) != 0 {
+                return Err(format!("accessors[{accessor}] is too narrow for vertex {index}"));
+            }
+            out.extend_from_slice(&index.to_le_bytes()[..width]);
+        }
+        Ok(out)
+    }
+
+    thread_local! {
+        static QUIET: Cell<bool> = const { Cell::new(false) };
+    }
+
+    /// Runs what may panic; `None` if it did. The message that Rust would print is held back, on this thread only.
+    fn quietly<T>(run: impl FnOnce() -> T) -> Option<T> {
+        static HOOK: Once = Once::new();
+        HOOK.call_once(|| {
+            let before = std::panic::take_hook();
+            std::panic::set_hook(Box::new(move |info| {
+                if !QUIET.get() {
+                    before(info);
+                }
+            }));
+        });
+        QUIET.set(true);
+        let result = catch_unwind(AssertUnwindSafe(run));
+        QUIET.set(false);
+        result.ok()
+    }
+}
+
+/// The counts at the front of a stream, read before any of it is decoded.
+///
+/// ```text
+/// "DRACO" | u8 major = 2 | u8 minor = 2 | u8 kind = 1 mesh | u8 method: 0 sequential, 1 edgebreaker | u16 flags, 0x8000 metadata
+/// [metadata]                      n {id, entries}, then entries of the whole; an entry is name, length, bytes; they nest
+/// sequential:  faces, points
+/// edgebreaker: u8 traversal, vertices, faces, u8 attribute streams, symbols, split symbols, splits       (LEB128 unless u8)
+/// ```
+#[cfg(feature = "draco")]
+mod counts {
+    use super::*;
+
+    struct Reader<'a>(&'a [u8]);
+
+    impl<'a> Reader<'a> {
+        fn take(&mut self, n: u64) -> Option<&'a [u8]> {
+            let (head, tail) = self.0.split_at_checked(usize::try_from(n).ok()?)?;
+            self.0 = tail;
+            Some(head)
+        }
+
+        fn byte(&mut self) -> Option<u8> {
+            Some(self.take(1)?[0])
+        }
+
+        fn leb128(&mut self) -> Option<u64> {
+            let mut value = 0u64;
+            for shift in (0..63).step_by(7) {
+                let byte = self.byte()?;
+                value |= u64::from(byte & 0x7F) << shift;
+                if byte & 0x80 == 0 {
+                    return Some(value);
+                }
+            }
+            None
+        }
+
+        /// Entries and, in depth-first order, whatever is nested in them.
+        fn skip_metadata(&mut self) -> Option<()> {
+            let mut left = 1u64;
+            let mut first = true;
+            while left > 0 {
+                left -= 1;
+                if !std::mem::replace(&mut first, false) {
+                    let name = self.byte()?;
+                    self.take(u64::from(name))?;
+                }
+                for _ in 0..self.leb128()? {
+                    let name = self.byte()?;
+                    self.take(u64::from(name))?;
+                    let length = self.leb128()?;
+                    self.take(length)?;
+                }
+                left = left.checked_add(self.leb128()?)?;
+            }
+            Some(())
+        }
+    }
+
+    /// Refuses a stream whose counts are beyond those of its accessors.
+    pub fn check(source: Source, stream: &Stream, bytes: &[u8]) -> Result<(), SceneError> {
+        let invalid = |what: &str| source.invalid(stream.at.clone(), what);
+        let fits = |bytes: &[u8]| -> Option<bool> {
+            let mut r = Reader(bytes.get(7..)?);
+            let [kind, method] = [r.byte()?, r.byte()?];
+            let flags = u16::from_le_bytes([r.byte()?, r.byte()?]);
+            if flags & 0x8000 != 0 {
+                for _ in 0..r.leb128()? {
+                    r.leb128()?;
+                    r.skip_metadata()?;
+                }
+                r.skip_metadata()?;
+            }
+            let (points, faces) = (stream.points, stream.faces);
+            if method == 0 {
+                return Some(kind == 1 && r.leb128()? == faces && r.leb128()? == points);
+            }
+            r.byte()?;
+            let (vertices, n_faces, _, symbols, split_symbols) = (r.leb128()?, r.leb128()?, r.byte()?, r.leb128()?, r.leb128()?);
+            let splits = r.leb128()?;
+            // A vertex becomes at least one point; a symbol makes a face.
+            Some(kind == 1 && n_faces == faces && vertices <= points && symbols <= faces && split_symbols <= symbols && splits <= faces)
+        };
+        if !bytes.starts_with(b"DRACO") {
+            return Err(invalid("its bytes are no Draco stream"));
+        }
+        match fits(bytes) {
+            None => Err(invalid("its Draco stream is cut short")),
+            Some(false) => Err(invalid("its Draco stream has other counts than its accessors")),
+            Some(true) => Ok(()),
+        }
+    }
+}
