@@ -299,7 +299,7 @@ impl Found {
         }
         let mut triangles = Vec::with_capacity(self.triangles.len());
         for (i, triangle) in self.triangles.iter().enumerate() {
-            if let Some(index) = triangle.iter().find(|index| !(0..n as i64).contains(index)) {
+            if let Some(index) = triangle.iter().find(|index| !(0..n as i64).contains(*index)) {
                 let (file, at) = (source.name(), format!("triangle {i} of the faces"));
                 let what = format!("a face names vertex {index}, the file has {n}");
                 return Err(SceneError::Invalid { file, at, what, help: HELP.to_string() });
