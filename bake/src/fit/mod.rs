@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`vmf`] | one lobe from weighted directions, in closed form |
 //! | [`mixture`] | several lobes from weighted directions, by soft expectation maximisation |
-//! | [`slice`] | lobes of a BRDF's slice in the least-squares sense |
+//! | [`mod@slice`] | lobes of a BRDF's slice in the least-squares sense |
 
 pub mod mixture;
 pub mod slice;
