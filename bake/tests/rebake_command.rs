@@ -1,23 +1,17 @@
 //! `plan` and `bake` of a scene that was edited: what is stale, why, and parts of a scene.
 
+#[path = "support/command.rs"]
+mod command;
+
+use command::prelight;
 use prelight_bake::scene::export::{GlbBuilder, Transform};
 use prelight_bake::scene::{Mesh, Primitive};
 use serde_json::Value;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
-
-fn prelight(folder: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_prelight"));
-    command.current_dir(folder).stdin(Stdio::null()).args(arguments);
-    for variable in ["PRELIGHT_JOBS", "PRELIGHT_MEMORY", "PRELIGHT_STORE", "PRELIGHT_SIMD", "PRELIGHT_FAULT"] {
-        command.env_remove(variable);
-    }
-    command.output().expect("the command starts")
-}
 
 /// The summary of a command that must succeed.
 fn done(folder: &Path, arguments: &[&str]) -> Value {
-    let output = prelight(folder, &[arguments, &["--json"]].concat());
+    let output = prelight(folder).args(arguments).arg("--json").output().expect("the command starts");
     let text = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{arguments:?}: {text} {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_str(text.lines().last().expect("a summary")).expect("JSON")
@@ -70,7 +64,7 @@ fn plan_and_bake_say_which_object_made_what_stale() {
     assert_eq!(reasons.len(), 1, "{plan}");
     assert_eq!((&reasons[0]["object"], &reasons[0]["change"]), (&"Lamp".into(), &"moved".into()));
     assert!(reasons[0]["own_patches"].as_u64() > Some(0) && reasons[0]["seen_by_patches"].as_u64() > Some(0), "{plan}");
-    let words = prelight(folder, &verb("plan", &[]));
+    let words = prelight(folder).args(verb("plan", &[])).output().expect("the command starts");
     assert!(String::from_utf8_lossy(&words.stdout).contains("Lamp moved: "), "{words:?}");
 
     let bake = done(folder, &verb("bake", &["--paranoid", "5"]));
@@ -93,7 +87,7 @@ fn a_part_of_a_scene_is_baked_beside_the_whole_and_a_pattern_without_match_is_re
     let whole = done(folder, &["bake", "room.glb", "--edge-length", "0.5"]);
     assert_eq!(whole["objects"], 3);
     assert_eq!(whole["tiles"]["reused"], part["tiles"]["total"], "what was baked in part is not baked again");
-    let refused = prelight(folder, &["bake", "room.glb", "--only", "Sofa"]);
+    let refused = prelight(folder).args(["bake", "room.glb", "--only", "Sofa"]).output().expect("the command starts");
     assert_eq!(refused.status.code(), Some(3));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("--only Sofa matches no object"), "{refused:?}");
 }

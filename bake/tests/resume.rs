@@ -1,6 +1,10 @@
 //! A bake stopped anywhere, or run in any way, ends with the same asset: the built command, killed and run again.
 #![cfg(unix)]
 
+#[path = "support/command.rs"]
+mod command;
+
+use command::{prelight, stderr, summary};
 use prelight_bake::scene::export::{GlbBuilder, Transform};
 use prelight_bake::scene::{Mesh, Primitive};
 use prelight_manifests::AssetManifest;
@@ -16,28 +20,6 @@ const BAKE: [&str; 6] = ["bake", "room.glb", "--points", "5000", "--json", "--jo
 
 /// Beyond `--memory`: the program itself, its threads' stacks, what the allocator keeps.
 const MEMORY_SLACK: u64 = 200_000_000;
-
-fn prelight(folder: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_prelight"));
-    command.current_dir(folder).stdin(Stdio::null());
-    for variable in ["PRELIGHT_JOBS", "PRELIGHT_MEMORY", "PRELIGHT_STORE", "PRELIGHT_SIMD", "PRELIGHT_FAULT"] {
-        command.env_remove(variable);
-    }
-    command
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-/// The last line of `--json`.
-fn summary(output: &Output) -> Value {
-    let text = String::from_utf8_lossy(&output.stdout);
-    let line = text.lines().last().unwrap_or_else(|| panic!("no summary: {}", stderr(output)));
-    let summary: Value = serde_json::from_str(line).unwrap_or_else(|_| panic!("no JSON: {line}"));
-    assert_eq!(summary["event"], "summary");
-    summary
-}
 
 /// The summary of a command that must succeed.
 fn done(command: &mut Command) -> Value {

@@ -1,33 +1,18 @@
 //! The store's verbs, run as a user would: what they say, how they end, and that the store survives what is done to it.
 #![cfg(unix)]
 
+#[path = "support/command.rs"]
+mod command;
+
+use command::{prelight, stderr, summary};
 use prelight_bake::scene::export::{GlbBuilder, Transform};
 use prelight_bake::scene::{Mesh, Primitive};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::OnceLock;
 
 const BAKE: [&str; 6] = ["bake", "room.glb", "--points", "2000", "--json", "--jobs=2"];
-
-fn prelight(folder: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_prelight"));
-    command.current_dir(folder).stdin(Stdio::null());
-    for variable in ["PRELIGHT_JOBS", "PRELIGHT_MEMORY", "PRELIGHT_STORE", "PRELIGHT_SIMD", "PRELIGHT_FAULT"] {
-        command.env_remove(variable);
-    }
-    command
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-fn summary(output: &Output) -> Value {
-    let text = String::from_utf8_lossy(&output.stdout);
-    let line = text.lines().last().unwrap_or_else(|| panic!("no summary: {}", stderr(output)));
-    serde_json::from_str(line).unwrap_or_else(|_| panic!("no JSON: {line}"))
-}
 
 /// Runs a verb with `--json`; the exit code must be this one.
 fn run(folder: &Path, code: i32, arguments: &[&str]) -> Value {

@@ -7,19 +7,16 @@
 
 use super::args::BakeKnobs;
 use super::loaded::Loaded;
-use super::opened_store::open_store;
+use super::opened_store::{check_store, open_store};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
-use prelight_bake::BakeError;
 use prelight_bake::bake::bake_world;
-use prelight_bake::progress::Stage;
 use prelight_bake::seal::seal;
 use prelight_manifests::{AssetManifest, Digest};
 use prelight_store::{CheckOptions, Root, Store, StoreError};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Set aside what is wrong in the store and bake it again
 #[derive(Args, Debug)]
@@ -35,17 +32,7 @@ pub struct RepairArgs {
 pub fn run(args: RepairArgs, context: &Context) -> Result<Summary, Failure> {
     let store = open_store(context)?;
     let options = CheckOptions { threads: context.jobs, resume: false, ..CheckOptions::default() };
-    let report = {
-        let stage = Stage::begin(context.progress(), "verify", None, "bytes");
-        let told = AtomicU64::new(0);
-        store.check(&options, &|bytes| {
-            stage.advance(bytes.saturating_sub(told.fetch_max(bytes, Ordering::Relaxed)));
-            !context.progress().is_cancelled()
-        })?
-    };
-    if !report.finished {
-        return Err(BakeError::Cancelled.into());
-    }
+    let report = check_store(&store, &options, context)?;
     let found = report.findings.len();
     let mut summary = Summary::new();
     summary.set("found", found).set("dry_run", context.dry_run);

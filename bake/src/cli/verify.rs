@@ -1,14 +1,11 @@
 //! `prelight verify`: is every byte of the store what it should be?
 
-use super::opened_store::open_store;
+use super::opened_store::{check_store, open_store};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
-use prelight_bake::BakeError;
-use prelight_bake::progress::Stage;
 use prelight_manifests::ByteSize;
 use prelight_store::{CheckOptions, CheckReport, Finding};
 use serde_json::{Value, json};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// Findings named in the text for people; the JSON has them all.
@@ -40,17 +37,7 @@ pub fn run(args: VerifyArgs, context: &Context) -> Result<Summary, Failure> {
     let start = Instant::now();
     let store = open_store(context)?;
     let options = CheckOptions { sample: args.sample, seed: args.seed, threads: context.jobs, resume: !args.restart };
-    let report = {
-        let stage = Stage::begin(context.progress(), "verify", None, "bytes");
-        let told = AtomicU64::new(0);
-        store.check(&options, &|bytes| {
-            stage.advance(bytes.saturating_sub(told.fetch_max(bytes, Ordering::Relaxed)));
-            !context.progress().is_cancelled()
-        })?
-    };
-    if !report.finished {
-        return Err(BakeError::Cancelled.into());
-    }
+    let report = check_store(&store, &options, context)?;
     Ok(summary(&report, start.elapsed().as_secs_f64()))
 }
 

@@ -7,9 +7,10 @@
 
 use super::error::{Budget, SceneError, Source};
 use super::export::{GlbBuilder, Transform};
-use super::gltf::load_slice;
-use super::{Mesh, Scene};
+use super::gltf::{LoadLimits, load_slice};
+use super::{Mesh, Scene, resource};
 use prelight_runtime::surface::Material;
+use std::path::Path;
 
 /// What a file holds. Materials of primitives are indices into `materials`; their textures are indices into `images`.
 #[derive(Default)]
@@ -20,6 +21,21 @@ pub(super) struct Parts {
     /// Names and encoded bytes, PNG or JPEG.
     pub images: Vec<(String, Vec<u8>)>,
     pub warnings: Vec<String>,
+}
+
+/// What a format's reader makes of a file's bytes, charging what it holds.
+pub(super) type Parse = fn(Source, &[u8], &mut Budget) -> Result<Parts, SceneError>;
+
+/// Reads a file, parses it, lets go of its bytes and builds the scene.
+pub(super) fn load(path: &Path, limits: &LoadLimits, parse: Parse) -> Result<Scene, SceneError> {
+    let source = Source(path);
+    let mut budget = Budget::new(source, limits.max_bytes);
+    let file = resource::read_file(path, "the file", None, &mut budget)?;
+    let parts = parse(source, &file, &mut budget)?;
+    let file_bytes = file.len() as u64;
+    drop(file);
+    budget.release(file_bytes);
+    scene(source, parts, &mut budget)
 }
 
 /// A Lambert surface of this colour, linear.

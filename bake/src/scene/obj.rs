@@ -25,14 +25,7 @@ const CORNER_BYTES: u64 = 300;
 
 /// Loads an OBJ file and the libraries that it names, which must lie in its folder.
 pub(super) fn load(path: &Path, limits: &LoadLimits) -> Result<Scene, SceneError> {
-    let source = Source(path);
-    let mut budget = Budget::new(source, limits.max_bytes);
-    let file = resource::read_file(path, "the file", None, &mut budget)?;
-    let parts = parse(source, &file, &mut budget)?;
-    let file_bytes = file.len() as u64;
-    drop(file);
-    budget.release(file_bytes);
-    assemble::scene(source, parts, &mut budget)
+    assemble::load(path, limits, parse)
 }
 
 /// Everything in the text of an OBJ file.

@@ -11,7 +11,7 @@ use super::assemble::{self, Parts, linear_from_srgb, plain};
 use super::error::{Budget, SceneError, Source};
 use super::gltf::LoadLimits;
 use super::warnings::{Warnings, quote};
-use super::{Mesh, Primitive, Scene, resource};
+use super::{Mesh, Primitive, Scene};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{BeginList, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
 use std::path::Path;
@@ -20,14 +20,7 @@ const HELP: &str = "export the file again, or convert it to .glb";
 
 /// Loads a PLY file.
 pub(super) fn load(path: &Path, limits: &LoadLimits) -> Result<Scene, SceneError> {
-    let source = Source(path);
-    let mut budget = Budget::new(source, limits.max_bytes);
-    let file = resource::read_file(path, "the file", None, &mut budget)?;
-    let parts = parse(source, &file, &mut budget)?;
-    let file_bytes = file.len() as u64;
-    drop(file);
-    budget.release(file_bytes);
-    assemble::scene(source, parts, &mut budget)
+    assemble::load(path, limits, parse)
 }
 
 /// A vertex or a face, whichever the element is; what the file does not set is absent.
