@@ -27,7 +27,7 @@ impl BadChunk {
     }
 
     fn parse(text: &str) -> Option<Self> {
-        let mut lines = text.lines();
+        let mut lines = text.split_terminator('\n');
         let mut field = |name: &str| lines.next()?.strip_prefix(name)?.strip_prefix(' ').map(str::to_string);
         let (digest, file) = (field("digest")?.parse().ok()?, field("file")?);
         Some(BadChunk { digest, file, offset: field("offset")?.parse().ok()?, what: field("what")? })
