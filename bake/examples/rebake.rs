@@ -13,7 +13,7 @@
 mod edits;
 
 use edits::{Edit, Random, apply, size};
-use prelight_bake::bake::{BakeOptions, Baked, bake_world};
+use prelight_bake::bake::{BakeOptions, Baked, bake};
 use prelight_bake::engine::patch::{PatchInputs, Shadowing, stale_tiles};
 use prelight_bake::engine::threads::candidates;
 use prelight_bake::plan::layer::{MAX_LAYERS, layers};
@@ -65,8 +65,7 @@ fn arguments() -> Arguments {
 /// Bakes and says how long it took.
 fn timed(scene: &Scene, options: &BakeOptions, store: &Store) -> (Baked, f64) {
     let start = Instant::now();
-    let world = World::build(scene);
-    let baked = bake_world(scene, &world, options, store, &Silent).expect("the scene bakes");
+    let baked = bake(scene, options, store, &Silent).expect("the scene bakes");
     (baked, start.elapsed().as_secs_f64())
 }
 

@@ -145,18 +145,26 @@ pub struct Baked {
 /// [`BakeError::Cancelled`] as soon as the shards in flight are done, [`BakeError::Memory`] before any work when an object cannot fit, and
 /// what the store says.
 pub fn bake(scene: &Scene, options: &BakeOptions, store: &Store, progress: &dyn Progress) -> Result<Baked, BakeError> {
-    bake_world(scene, &World::build(scene), options, store, progress)
+    let world = World::build(scene);
+    let counts = crate::plan::estimate::count_points(scene, &world, &options.points, None)?;
+    bake_counted(scene, &world, &counts, options, store, progress)
 }
 
-/// [`bake`] of a scene that is flattened already.
+/// [`bake`] of a scene that is flattened already and whose points, `[objects]`, are counted.
 ///
 /// # Errors
 /// As [`bake`].
-pub fn bake_world(scene: &Scene, world: &World, options: &BakeOptions, store: &Store, progress: &dyn Progress) -> Result<Baked, BakeError> {
+pub fn bake_counted(
+    scene: &Scene,
+    world: &World,
+    counts: &[u64],
+    options: &BakeOptions,
+    store: &Store,
+    progress: &dyn Progress,
+) -> Result<Baked, BakeError> {
     let mut clock = Clock::default();
-    let mut counts = crate::plan::estimate::count_points(scene, world, &options.points)?;
     let wanted = |object: usize| options.rebake.wants(object);
-    counts.iter_mut().enumerate().filter(|(object, _)| !wanted(*object)).for_each(|(_, count)| *count = 0);
+    let counts: Vec<u64> = counts.iter().enumerate().map(|(object, count)| if wanted(object) { *count } else { 0 }).collect();
     let batches = crate::plan::estimate::batches(world, &counts, options.memory, rayon::current_num_threads())?;
     clock.lap("plan");
 

@@ -4,6 +4,7 @@ use crate::bake::{BakeOptions, RebakeOptions};
 use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::density::density;
+use crate::plan::estimate::count_points;
 use crate::scene::Scene;
 use crate::scene::overrides::ObjectKnobs;
 use crate::scene::world::World;
@@ -20,6 +21,8 @@ pub struct Settings {
     pub edge_length: f32,
     /// Whether it was derived from a budget of points, and is worth pinning in scene.toml.
     pub derived: bool,
+    /// `[objects]` points before leaks are split, counted.
+    pub points: Vec<u64>,
 }
 
 impl Settings {
@@ -37,13 +40,12 @@ impl Settings {
     ) -> Result<Self, BakeError> {
         let knobs = manifest.bake.knobs();
         let pinned = manifest.bake.edge_length.map(|length| length as f32).filter(|_| points.is_none());
-        let edge_length = match pinned {
-            Some(length) => length,
-            None => {
-                let start = PointParams::new(&knobs, 1.0);
-                density(scene, world, &start, points, knobs.points)?.edge_length
-            }
+        let start = PointParams::new(&knobs, 1.0);
+        let derived = match pinned {
+            Some(_) => None,
+            None => Some(density(scene, world, &start, points, knobs.points)?),
         };
+        let edge_length = pinned.or(derived.as_ref().map(|density| density.edge_length)).expect("pinned or derived");
         let own = |object: &ObjectKnobs| {
             let length = match object.edge_length {
                 Some(length) if points.is_none() || Some(length) != manifest.bake.edge_length => length as f32,
@@ -64,6 +66,8 @@ impl Settings {
             shuffle_shards: None,
             rebake: RebakeOptions { layers: objects.iter().map(|object| object.layer).collect(), ..RebakeOptions::default() },
         };
-        Ok(Settings { options, edge_length, derived: pinned.is_none() })
+        let known = derived.as_ref().map(|density| (start.with_edge_length(edge_length), &density.points[..]));
+        let points = count_points(scene, world, &options.points, known)?;
+        Ok(Settings { options, edge_length, derived: pinned.is_none(), points })
     }
 }

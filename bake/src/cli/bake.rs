@@ -6,7 +6,7 @@ use super::loaded::Loaded;
 use super::output::write_atomically;
 use super::{Context, ExitCode, Failure, Summary, reasons};
 use clap::Args;
-use prelight_bake::bake::{Baked, bake_world};
+use prelight_bake::bake::{Baked, bake_counted};
 use prelight_bake::engine::threads::Paranoid;
 use prelight_bake::scene::overrides::matching_objects;
 use prelight_bake::seal::seal;
@@ -116,7 +116,7 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, start: Instant, con
     let asset = output.unwrap_or_else(|| default_asset(loaded, in_part));
     let folder = context.store.clone().unwrap_or_else(|| default_store(&asset));
     let store = Store::open_or_create(&folder)?;
-    let baked = bake_world(&loaded.scene, &loaded.world, &loaded.settings.options, &store, context.progress())?;
+    let baked = bake_counted(&loaded.scene, &loaded.world, &loaded.settings.points, &loaded.settings.options, &store, context.progress())?;
     let mut summary = summary(&baked, loaded, &asset, &folder, read_seconds, start);
     if baked.stats.tiles.traced > 0 && asset.exists() {
         // The asset that is about to be replaced says what changed; one that cannot be read says nothing.

@@ -60,7 +60,7 @@ pub fn run(args: InitArgs, context: &Context) -> Result<Summary, Failure> {
     let template = Template {
         gltf,
         edge_length: Some(edge_length),
-        edge_length_reason: format!("about {} points", group(density.points)),
+        edge_length_reason: format!("about {} points", group(density.total_points())),
         materials,
         objects,
     };
@@ -73,7 +73,7 @@ pub fn run(args: InitArgs, context: &Context) -> Result<Summary, Failure> {
         .set("scene", args.output.display().to_string())
         .set("gltf", template.gltf)
         .set("edge_length", edge_length)
-        .set("points", density.points);
+        .set("points", density.total_points());
     summary.set_text(if context.dry_run { text } else { format!("{}\n", args.output.display()) });
     Ok(summary)
 }

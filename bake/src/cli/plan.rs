@@ -38,8 +38,7 @@ pub struct PlanArgs {
 pub fn run(args: PlanArgs, context: &Context) -> Result<Summary, Failure> {
     let mut loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
     RebakeArgs { only: args.only.clone(), paranoid: None }.apply(&mut loaded)?;
-    let options = &loaded.settings.options;
-    let estimate = estimate(&loaded.scene, &loaded.world, options, context.jobs, context.progress())?;
+    let estimate = estimate(&loaded.scene, &loaded.world, &loaded.settings, context.jobs, context.progress())?;
     let objects: Vec<(&str, u64)> =
         loaded.scene.objects.iter().map(|object| object.name.as_str()).zip(estimate.points.iter().copied()).collect();
     let mut summary = Summary::new();

@@ -10,7 +10,7 @@ use super::loaded::Loaded;
 use super::opened_store::{check_store, open_store};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
-use prelight_bake::bake::bake_world;
+use prelight_bake::bake::bake_counted;
 use prelight_bake::seal::seal;
 use prelight_manifests::{AssetManifest, Digest};
 use prelight_store::{CheckOptions, Root, Store, StoreError};
@@ -109,7 +109,7 @@ fn mend(store: &Store, root: &Root, args: &RepairArgs, context: &Context) -> Res
     };
     let knobs = if args.scene.is_some() { args.knobs.clone() } else { BakeKnobs::from_json(report.get("knobs").unwrap_or(&Value::Null)) };
     let loaded = Loaded::open(&scene, &knobs, context)?;
-    let baked = bake_world(&loaded.scene, &loaded.world, &loaded.settings.options, store, context.progress())?;
+    let baked = bake_counted(&loaded.scene, &loaded.world, &loaded.settings.points, &loaded.settings.options, store, context.progress())?;
     if baked.asset_digest != root.asset {
         let text =
             format!("{} gives another asset now ({}): the scene or its knobs have changed", scene.display(), baked.asset_digest.short());

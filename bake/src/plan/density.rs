@@ -12,12 +12,19 @@ use crate::scene::world::World;
 use rayon::prelude::*;
 
 /// An edge length and what it makes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Density {
     /// Metres, three digits.
     pub edge_length: f32,
-    /// Points of the scene at it, counted; both sides.
-    pub points: u64,
+    /// `[objects]` points at it, counted; both sides.
+    pub points: Vec<u64>,
+}
+
+impl Density {
+    /// Points of the scene.
+    pub fn total_points(&self) -> u64 {
+        self.points.iter().sum()
+    }
 }
 
 /// Edge length for a budget of points; the other knobs come from `params`.
@@ -25,13 +32,13 @@ pub struct Density {
 /// `asked`: a budget that somebody asked for, kept as far as the base mesh lets it. Without one, `preset` points or twice the base mesh's.
 /// The result does not depend on threads.
 pub fn density(scene: &Scene, world: &World, params: &PointParams, asked: Option<u64>, preset: u64) -> Result<Density, PlanError> {
-    let objects: Vec<BaseMesh> = (0..scene.objects.len()).into_par_iter().map(|object| BaseMesh::build(scene, world, object)).collect();
-    let count = |params: &PointParams| -> u64 { objects.par_iter().map(|base| count_object(base, params, u64::MAX).points).sum() };
+    let objects = BaseMesh::build_all(scene, world);
+    let count = |params: &PointParams| -> Vec<u64> { objects.par_iter().map(|base| count_object(base, params, u64::MAX).points).collect() };
     let budget = asked.unwrap_or_else(|| {
         let unrefined = PointParams { max_level: 0, ..*params };
-        preset.max(count(&unrefined).saturating_mul(2))
+        preset.max(count(&unrefined).iter().sum::<u64>().saturating_mul(2))
     });
-    let edge_length = edge_length_for_points(scene, world, params, budget)?;
+    let edge_length = edge_length_for_points(&objects, params, budget)?;
     Ok(Density { edge_length, points: count(&params.with_edge_length(edge_length)) })
 }
 
@@ -74,11 +81,11 @@ mod tests {
         let params = PointParams::new(&Quality::Medium.knobs(), 1.0);
         // The sheet alone has 41² = 1681 points: a budget of 1000 affords nothing for the floor's 10 m edges.
         let asked = density(&scene, &world, &params, Some(1000), 0).unwrap();
-        assert!(asked.edge_length > 7.0 && asked.points < 1800, "what was asked for is kept as far as it can be: {asked:?}");
+        assert!(asked.edge_length > 7.0 && asked.total_points() < 1800, "what was asked for is kept as far as it can be: {asked:?}");
         let default = density(&scene, &world, &params, None, 1000).unwrap();
         assert!(default.edge_length < 0.5, "{default:?}");
-        assert!((2000..=3400).contains(&default.points), "at most twice the base mesh: {default:?}");
+        assert!((2000..=3400).contains(&default.total_points()), "at most twice the base mesh: {default:?}");
         let generous = density(&scene, &world, &params, None, 20_000).unwrap();
-        assert!((10_000..=20_000).contains(&generous.points), "a budget above that counts: {generous:?}");
+        assert!((10_000..=20_000).contains(&generous.total_points()), "a budget above that counts: {generous:?}");
     }
 }

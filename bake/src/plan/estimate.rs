@@ -15,6 +15,7 @@ use crate::progress::{Progress, Stage};
 use crate::refine::count::count_object;
 use crate::scene::Scene;
 use crate::scene::world::World;
+use crate::settings::Settings;
 use crate::trace::{OccluderOptions, Occluders, Scratch, TraceOrigin};
 use prelight_runtime::block_product::visibility::open_words;
 use rayon::prelude::*;
@@ -69,11 +70,11 @@ impl Estimate {
     }
 }
 
-/// Counts points and traces a few of them.
-pub fn estimate(scene: &Scene, world: &World, options: &BakeOptions, jobs: usize, progress: &dyn Progress) -> Result<Estimate, BakeError> {
+/// Traces a few of the points that were counted.
+pub fn estimate(scene: &Scene, world: &World, settings: &Settings, jobs: usize, progress: &dyn Progress) -> Result<Estimate, BakeError> {
     let _stage = Stage::begin(progress, "plan", None, "points");
     let start = Instant::now();
-    let mut points = count_points(scene, world, &options.points)?;
+    let (options, mut points) = (&settings.options, settings.points.clone());
     let left_out = |(object, _): &(usize, &mut u64)| !options.rebake.wants(*object);
     points.iter_mut().enumerate().filter(left_out).for_each(|(_, count)| *count = 0);
     let total: u64 = points.iter().sum();
@@ -112,11 +113,19 @@ fn probe(world: &World, points: &[u64], options: &BakeOptions, occluders: &Occlu
     (probes, start.elapsed().as_secs_f64())
 }
 
-/// Points of each object before leaks are split.
-pub fn count_points(scene: &Scene, world: &World, params: &[PointParams]) -> Result<Vec<u64>, BakeError> {
+/// Points of each object before leaks are split. `known`: counts of all objects under one set of parameters, where there are such.
+pub fn count_points(
+    scene: &Scene,
+    world: &World,
+    params: &[PointParams],
+    known: Option<(PointParams, &[u64])>,
+) -> Result<Vec<u64>, PlanError> {
     let count = |object: usize| {
         let params = &params[object];
         params.check()?;
+        if let Some((_, counts)) = known.filter(|(same, _)| same == params) {
+            return Ok(counts[object]);
+        }
         let count = count_object(&BaseMesh::build(scene, world, object), params, u64::from(params.max_triangles));
         if count.triangles > u64::from(params.max_triangles) {
             let object = scene.objects[object].name.clone();
@@ -124,7 +133,7 @@ pub fn count_points(scene: &Scene, world: &World, params: &[PointParams]) -> Res
         }
         Ok(count.points)
     };
-    Ok((0..scene.objects.len()).into_par_iter().map(count).collect::<Result<_, PlanError>>()?)
+    (0..scene.objects.len()).into_par_iter().map(count).collect()
 }
 
 /// Bytes that stay for the whole bake.

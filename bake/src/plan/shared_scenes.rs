@@ -2,6 +2,7 @@
 
 use super::params::PointParams;
 use super::points::plan_object;
+use super::weld::BaseMesh;
 use crate::refine::{PointCount, count_object, edge_length_for_points};
 use crate::scene::Scene;
 use crate::scene::gltf::{LoadLimits, load};
@@ -47,7 +48,7 @@ fn apartment_at_5_cm_stays_under_a_million_and_a_half_triangles() {
 fn a_budget_of_200_000_points_is_kept_on_table_chairs() {
     let Some((scene, world)) = shared("table_chairs") else { return };
     let params = PointParams::new(&Quality::Medium.knobs(), 1.0);
-    let length = edge_length_for_points(&scene, &world, &params, 200_000).unwrap();
+    let length = edge_length_for_points(&BaseMesh::build_all(&scene, &world), &params, 200_000).unwrap();
     let params = params.with_edge_length(length);
     let points: usize = (0..scene.objects.len()).map(|o| plan_object(&scene, &world, o, &params).unwrap().n_points()).sum();
     // Hard edges that are split for a neighbour's normals are not counted: 1 %.

@@ -14,7 +14,7 @@
 //! tile without rows has the bits of the horizon.
 
 use super::pieces::{DigestSum, NO_PIECE, Pieces};
-use super::shaft::{BOX_POINTS, Bounds, MAX_BOXES, OriginBoxes, horizon_cells, reached_cells};
+use super::shaft::{BOX_POINTS, MAX_BOXES, OriginBoxes, horizon_cells, reached_cells, reached_cells_of_points};
 
 /// Tiles of a patch.
 pub const N_TILES: usize = 96;
@@ -150,20 +150,15 @@ impl Reach {
                 }
                 let possible = tiles_of_cells(wide);
                 let mut found = 0;
-                for ((bounds, open), points) in origins.boxes.iter().zip(&open.boxes).zip(origins.points.chunks(BOX_POINTS)) {
+                for ((bounds, open), points) in origins.boxes.iter().zip(&open.boxes).zip(&origins.points) {
                     if open[face] & wide == 0 {
                         continue;
                     }
                     // The box first, because it is one test instead of sixteen; its points, because they are what is traced from.
                     let near = tiles_of_cells(reached_cells(face, &node.bounds, bounds, face_resolution) & open[face]) & !found;
-                    let mut left = near;
-                    for point in points {
-                        if left == 0 {
-                            break;
-                        }
-                        left &= !tiles_of_cells(reached_cells(face, &node.bounds, &Bounds::at(*point), face_resolution) & open[face]);
+                    if near != 0 {
+                        found |= near & tiles_of_cells(reached_cells_of_points(face, &node.bounds, points, face_resolution) & open[face]);
                     }
-                    found |= near & !left;
                     if found == possible {
                         break;
                     }

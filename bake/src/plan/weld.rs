@@ -16,6 +16,7 @@ use super::attributes::{Corner, Corners, Wanted};
 use crate::scene::Scene;
 use crate::scene::world::{World, has_area};
 use glam::DVec3;
+use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// A position or direction in f64.
@@ -101,6 +102,11 @@ pub struct BaseMesh {
 }
 
 impl BaseMesh {
+    /// Welds every object.
+    pub fn build_all(scene: &Scene, world: &World) -> Vec<BaseMesh> {
+        (0..scene.objects.len()).into_par_iter().map(|object| BaseMesh::build(scene, world, object)).collect()
+    }
+
     /// Welds an object. Objects without any triangle that has an area give an empty mesh.
     pub fn build(scene: &Scene, world: &World, object: usize) -> BaseMesh {
         let source = &scene.objects[object];

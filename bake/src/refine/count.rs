@@ -8,8 +8,6 @@ use super::cells::{Cut, cut};
 use super::edge::{EdgeRule, End, edge_key, mean_normal, midpoint};
 use crate::plan::params::{PlanError, PointParams};
 use crate::plan::weld::{BaseMesh, wide};
-use crate::scene::Scene;
-use crate::scene::world::World;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -91,14 +89,13 @@ impl Cut for Counter {
     }
 }
 
-/// Smallest edge length, to three digits, at which the scene has at most `target_points` points; the other knobs come from `params`,
+/// Smallest edge length, to three digits, at which the objects have at most `target_points` points; the other knobs come from `params`,
 /// the area floor follows the edge length.
 ///
 /// Never longer than the longest base edge, where the mesh's own density begins: a target below the base points gives that. Objects are
 /// counted in parallel; the result does not depend on threads. Meant to be called once, printed, and pinned in the scene's manifest.
-pub fn edge_length_for_points(scene: &Scene, world: &World, params: &PointParams, target_points: u64) -> Result<f32, PlanError> {
+pub fn edge_length_for_points(objects: &[BaseMesh], params: &PointParams, target_points: u64) -> Result<f32, PlanError> {
     params.check()?;
-    let objects: Vec<BaseMesh> = (0..scene.objects.len()).into_par_iter().map(|o| BaseMesh::build(scene, world, o)).collect();
     let longest = objects.par_iter().map(longest_edge).reduce(|| 0.0, f64::max) as f32;
     if !(longest > 0.0 && longest.is_finite()) {
         return Ok(params.edge_length);
@@ -161,6 +158,8 @@ mod tests {
     use super::*;
     use crate::plan::plan_object;
     use crate::plan::test_scenes::*;
+    use crate::scene::Scene;
+    use crate::scene::world::World;
 
     fn shapes() -> Scene {
         let mut scene = scene();
@@ -194,11 +193,12 @@ mod tests {
     fn a_budget_of_points_is_met_and_nearly_used() {
         let scene = shapes();
         let world = World::build(&scene);
+        let objects = BaseMesh::build_all(&scene, &world);
         let points =
             |length: f32| -> u64 { (0..3).map(|o| plan_object(&scene, &world, o, &params(length)).unwrap().n_points() as u64).sum() };
         let mut last = f32::INFINITY;
         for target in [500, 3000, 20_000] {
-            let length = edge_length_for_points(&scene, &world, &params(1.0), target).unwrap();
+            let length = edge_length_for_points(&objects, &params(1.0), target).unwrap();
             assert!(length < last);
             last = length;
             // Halving is all or nothing for an edge, so a whole class of edges may not fit any more: half of the budget at least.
@@ -209,9 +209,9 @@ mod tests {
     #[test]
     fn a_budget_below_the_mesh_gives_its_own_density() {
         let scene = shapes();
-        let world = World::build(&scene);
-        let length = edge_length_for_points(&scene, &world, &params(1.0), 1).unwrap();
-        let longest = (0..3).map(|o| longest_edge(&BaseMesh::build(&scene, &world, o))).fold(0.0, f64::max);
+        let objects = BaseMesh::build_all(&scene, &World::build(&scene));
+        let length = edge_length_for_points(&objects, &params(1.0), 1).unwrap();
+        let longest = objects.iter().map(longest_edge).fold(0.0, f64::max);
         assert!(f64::from(length) >= longest && f64::from(length) < 1.01 * longest, "{length} {longest}");
     }
 
