@@ -6,6 +6,7 @@ use prelight_bake::scene::SceneError;
 use prelight_manifests::ManifestError;
 use prelight_runtime::error::RuntimeError;
 use prelight_store::StoreError;
+use std::path::Path;
 
 /// How the command ends. Anything that is not listed here is a failure too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,10 +88,8 @@ impl Failure {
             } else if !words.message.contains(&head) {
                 words.message = format!("{}: {head}", words.message);
             }
-            if let Some(BakeError::Input { path, source }) = cause.downcast_ref()
-                && source.kind() == std::io::ErrorKind::NotFound
-            {
-                words.help.push(super::suggest::missing(std::path::Path::new(path)));
+            if let Some(path) = missing_file(cause) {
+                words.help.push(super::suggest::missing(path));
             }
         }
         words
@@ -102,6 +101,16 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
         let error = error.into();
         Failure { code: code_of(&error), error }
     }
+}
+
+/// The file that is not there, of an error that says so.
+fn missing_file<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a Path> {
+    let (path, source) = match (cause.downcast_ref(), cause.downcast_ref()) {
+        (Some(BakeError::Input { path, source }), _) => (Path::new(path), source),
+        (_, Some(StoreError::Io { path, source, .. })) => (path.as_path(), source),
+        _ => return None,
+    };
+    (source.kind() == std::io::ErrorKind::NotFound).then_some(path)
 }
 
 /// The first typed error of the chain decides.
@@ -158,10 +167,11 @@ fn of_runtime(error: &RuntimeError) -> ExitCode {
 fn of_store(error: &StoreError) -> ExitCode {
     match error {
         StoreError::NotFound { .. } => ExitCode::NoStore,
-        StoreError::Format { .. } => ExitCode::Input,
+        StoreError::Format { .. } | StoreError::Pack { .. } => ExitCode::Input,
         StoreError::Locked { .. } => ExitCode::Locked,
         error if error.is_corrupt() => ExitCode::Corrupt,
         error if error.is_full() => ExitCode::Limit,
+        StoreError::Io { source, .. } => of_io(source),
         _ => ExitCode::Failed,
     }
 }
@@ -183,7 +193,10 @@ mod tests {
     #[test]
     fn codes_follow_the_table() {
         let io = |kind: std::io::ErrorKind| std::io::Error::from(kind);
-        let cases: [(Failure, ExitCode); 10] = [
+        let no_pack = StoreError::Io { action: "open", path: "a.prelight".into(), source: io(std::io::ErrorKind::NotFound) };
+        let cases: [(Failure, ExitCode); 12] = [
+            (no_pack.into(), ExitCode::Input),
+            (StoreError::Pack { name: "a".into(), what: "b".into() }.into(), ExitCode::Input),
             (BakeError::Cancelled.into(), ExitCode::Interrupted),
             (BakeError::Memory { what: "points".into(), needed: 2, limit: 1 }.into(), ExitCode::Limit),
             (BakeError::Output { path: "a".into(), source: io(std::io::ErrorKind::StorageFull) }.into(), ExitCode::Limit),
@@ -209,6 +222,9 @@ mod tests {
         let words = Failure::from(error).words();
         assert_eq!(words.message, "checking: cannot read room.glb: permission denied");
         assert!(words.help.is_empty() && words.places.is_empty());
+        let source = std::io::ErrorKind::NotFound.into();
+        let words = Failure::from(StoreError::Io { action: "open", path: "room.prelight".into(), source }).words();
+        assert!(words.help.len() == 1 && words.help[0].starts_with("is the path right?"), "{words:?}");
         let words = Failure::from(BakeError::Cancelled).words();
         assert_eq!(words.message, "interrupted");
         assert_eq!(words.help.len(), 1);

@@ -5,10 +5,11 @@
 
 use super::interrupt;
 use super::output::{Stdout, talk};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use prelight_bake::Progress;
 use prelight_manifests::version::EVENT_VERSION;
 use serde_json::{Value, json};
+use std::fmt::Write;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
@@ -285,7 +286,8 @@ impl Running {
             Some(total) => format!("{} of {} {} ({:.0} %)", group(done), group(total), self.unit, percent(done, total)),
             None => format!("{} {}", group(done), self.unit),
         };
-        let left = remaining(done, self.total, seconds).map(|left| format!(", about {} left", clock(left))).unwrap_or_default();
+        let left = remaining(done, self.total, seconds).filter(|left| *left > 0.0);
+        let left = left.map(|left| format!(", about {} left", clock(left))).unwrap_or_default();
         format!("{}: {of_total}, {} a second, {} so far{left}", self.label, short_number(rate), clock(seconds))
     }
 
@@ -318,10 +320,14 @@ fn new_bar(name: &str, total: Option<u64>, unit: &str) -> ProgressBar {
     // The unit goes through a template: braces in it would be read as placeholders.
     let unit = unit.replace(['{', '}'], "");
     let template = match total {
-        Some(_) => format!("{{prefix:>10}} [{{bar:28}}] {{human_pos}}/{{human_len}} {unit}  {{per_sec}}  {{eta}} left"),
-        None => format!("{{prefix:>10}} {{spinner}} {{human_pos}} {unit}  {{per_sec}}  {{elapsed}}"),
+        Some(_) => format!("{{prefix:>10}} [{{bar:28}}] {{human_pos}}/{{human_len}} {unit}  {{rate}}/s  {{eta}} left"),
+        None => format!("{{prefix:>10}} {{spinner}} {{human_pos}} {unit}  {{rate}}/s  {{elapsed}}"),
     };
     if let Ok(style) = ProgressStyle::with_template(&template) {
+        let rate = |state: &ProgressState, out: &mut dyn Write| {
+            let _ = out.write_str(&short_number(state.per_sec()));
+        };
+        let style = style.with_key("rate", rate);
         bar.set_style(style.progress_chars("=> "));
     }
     bar.set_prefix(name.to_string());

@@ -4,7 +4,6 @@ use super::bake::default_store;
 use super::output::write_atomically;
 use super::{Context, Failure, Summary};
 use clap::Args;
-use prelight_bake::BakeError;
 use prelight_bake::progress::{Stage, check};
 use prelight_manifests::AssetManifest;
 use prelight_store::{ChunkSource, MemorySource, Store};
@@ -27,7 +26,6 @@ pub struct UnpackArgs {
 
 /// Runs the verb.
 pub fn run(args: UnpackArgs, context: &Context) -> Result<Summary, Failure> {
-    std::fs::metadata(&args.file).map_err(|source| BakeError::input(&args.file, source))?;
     let source = MemorySource::open_pack(&args.file)?;
     let name = args.file.display().to_string();
     let mut manifest = super::read::parse_asset(&args.file, &source.manifest()?)?;
