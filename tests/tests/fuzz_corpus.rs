@@ -22,6 +22,11 @@ fn corpus(name: &str) -> PathBuf {
 fn seeds(name: &str) -> Vec<Vec<u8>> {
     let entries = std::fs::read_dir(corpus(name)).unwrap_or_else(|_| panic!("no corpus for {name}"));
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    if name == "gltf" {
+        // Compressed, instanced and quantised files of the tools that people use.
+        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../bake/tests/fixtures");
+        paths.extend(std::fs::read_dir(fixtures).unwrap().map(|entry| entry.unwrap().path()));
+    }
     paths.sort();
     paths.iter().map(|path| std::fs::read(path).unwrap()).collect()
 }

@@ -96,6 +96,13 @@ fn scenes_far_from_metres_or_from_the_origin_are_told() {
 }
 
 #[test]
+fn what_blocks_no_light_is_named() {
+    let mut scene = room();
+    add(&mut scene, "Thread", vec![quad([0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0], 0)], IDENTITY);
+    assert_eq!(of(&look(&scene, 0.1), "empty").expect("a square without width").names, ["Thread"]);
+}
+
+#[test]
 fn looking_stops_when_asked() {
     let input =
         SceneInput { manifest: prelight_manifests::SceneManifest::for_gltf("none.glb"), file: "none.glb".into(), folder: "".into() };

@@ -4,9 +4,9 @@
 //! indices; each is packed in that accessor's own type, so that all later checks (extents, finite numbers, indices in range) see what
 //! they always see. Accessors that have a buffer view of their own are a fallback: then the stream is not looked at.
 //!
-//! The decoder is a young crate. So: the stream's counts are compared with the accessors' before it runs and charged to the memory
-//! limit; it runs under `catch_unwind`, silently; and what it returns is checked again, sizes, types and indices.
-//! Not covered by that: an entropy table that claims more symbols than the machine has memory for ends the process.
+//! The stream's counts are compared with the accessors' before the decoder runs, and charged to the memory limit; the decoder (no `unsafe`,
+//! and it sizes nothing by a claim that no bytes stand behind) is given the same limits, runs under `catch_unwind`, silently, and what it
+//! returns is checked again: sizes, types, indices.
 
 use super::accessor::Buffers;
 use super::error::{Budget, SceneError, Source};
@@ -121,9 +121,7 @@ pub(super) use decoder::decode;
 mod decoder {
     use super::super::warnings::quote;
     use super::*;
-    use draco_oxide_core::attribute::{Attribute, ComponentDataType};
-    use draco_oxide_core::mesh::Mesh;
-    use draco_oxide_core::types::PointIdx;
+    use draco_core::{DataType, DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute, PointIndex};
     use gltf::json::accessor::ComponentType;
     use rayon::prelude::*;
     use std::cell::Cell;
@@ -134,13 +132,19 @@ mod decoder {
     const BYTES_PER_FACE: u64 = 256;
     const BYTES_PER_VALUE: u64 = 64;
 
+    impl Stream {
+        /// What decoding may take, in bytes.
+        fn bytes(&self) -> u64 {
+            let values = self.points.saturating_mul(1 + self.attributes.len() as u64);
+            self.faces.saturating_mul(BYTES_PER_FACE).saturating_add(values.saturating_mul(BYTES_PER_VALUE))
+        }
+    }
+
     /// Decodes the streams on all threads: accessor -> its elements.
     pub fn decode(buffers: &Buffers, streams: &[Stream], budget: &mut Budget) -> Result<BTreeMap<usize, Vec<u8>>, SceneError> {
         for stream in streams {
             super::counts::check(buffers.source, stream, buffers.view(stream.view)?)?;
-            let values = stream.points.saturating_mul(1 + stream.attributes.len() as u64);
-            let bytes = stream.faces.saturating_mul(BYTES_PER_FACE).saturating_add(values.saturating_mul(BYTES_PER_VALUE));
-            budget.charge(stream.at.clone(), &format!("{} compressed triangles", stream.faces), bytes)?;
+            budget.charge(stream.at.clone(), &format!("{} compressed triangles", stream.faces), stream.bytes())?;
         }
         let results: Vec<Result<Vec<(usize, Vec<u8>)>, SceneError>> = streams.par_iter().map(|stream| one(buffers, stream)).collect();
         let mut accessors = BTreeMap::new();
@@ -153,61 +157,57 @@ mod decoder {
     fn one(buffers: &Buffers, stream: &Stream) -> Result<Vec<(usize, Vec<u8>)>, SceneError> {
         let invalid = |what: String| buffers.source.invalid(stream.at.clone(), what);
         let bytes = buffers.view(stream.view)?;
-        let mesh = quietly(|| draco_oxide_decoder::decode_mesh(bytes))
-            .ok_or_else(|| invalid("its Draco stream is damaged: the decoder gave up".into()))?
-            .map_err(|e| invalid(format!("its Draco stream cannot be decoded: {}", quote(&e.to_string()))))?;
+        let limits = DecodeLimits::default().with_max_points(stream.points).with_max_faces(stream.faces);
+        let mut mesh = Mesh::new();
+        quietly(|| {
+            let mut stream = DecoderBuffer::new(bytes).with_limits(limits.with_max_decoded_bytes(stream.bytes()));
+            MeshDecoder::new().decode(&mut stream, &mut mesh)
+        })
+        .ok_or_else(|| invalid("its Draco stream is damaged: the decoder gave up".into()))?
+        .map_err(|e| invalid(format!("its Draco stream cannot be decoded: {}", quote(&e.to_string()))))?;
         let (points, faces) = (stream.points as usize, stream.faces as usize);
-        if mesh.faces.len() != faces {
-            return Err(invalid(format!("{} triangles in the stream, its indices say {faces}", mesh.faces.len())));
+        if mesh.num_faces() != faces {
+            return Err(invalid(format!("{} triangles in the stream, its indices say {faces}", mesh.num_faces())));
         }
-        // The decoder numbers points with gaps; the accessors' vertices are those that triangles name.
-        let mut used: Vec<usize> = mesh.faces.iter().flatten().map(|&point| usize::from(point)).collect();
-        used.sort_unstable();
-        used.dedup();
-        if used.len() > points {
-            return Err(invalid(format!("{} vertices in the stream, its accessors say {points}", used.len())));
+        if mesh.num_points() > points {
+            return Err(invalid(format!("{} vertices in the stream, its accessors say {points}", mesh.num_points())));
         }
         let mut out = Vec::with_capacity(stream.attributes.len() + 1);
         for &(accessor, id) in &stream.attributes {
-            let found = attribute(&mesh, id).ok_or_else(|| invalid(format!("no attribute {id} in the stream")))?;
-            out.push((accessor, values(buffers.root, accessor, found, &used, points).map_err(invalid)?));
+            let found = u32::try_from(id).ok().and_then(|id| mesh.attribute_by_unique_id(id));
+            let found = found.ok_or_else(|| invalid(format!("no attribute {id} in the stream")))?;
+            out.push((accessor, values(buffers.root, accessor, found, mesh.num_points(), points).map_err(invalid)?));
         }
-        out.push((stream.indices, indices(buffers.root, stream.indices, &mesh, &used).map_err(invalid)?));
+        out.push((stream.indices, indices(buffers.root, stream.indices, &mesh).map_err(invalid)?));
         Ok(out)
     }
 
-    fn attribute(mesh: &Mesh, id: u64) -> Option<&Attribute> {
-        mesh.attributes.iter().find(|attribute| attribute.get_id().as_usize() as u64 == id)
-    }
-
-    /// The attribute's value at every used point, in the accessor's type; the last one again for vertices without a triangle.
-    fn values(root: &Root, accessor: usize, attribute: &Attribute, used: &[usize], points: usize) -> Result<Vec<u8>, String> {
+    /// The attribute's value at every point, in the accessor's type; the last one again for vertices that the stream leaves out.
+    fn values(root: &Root, accessor: usize, attribute: &PointAttribute, decoded: usize, points: usize) -> Result<Vec<u8>, String> {
         let json = &root.accessors[accessor];
         let (Checked::Valid(component), Checked::Valid(kind)) = (json.component_type, &json.type_) else {
             return Err("an accessor of a type that glTF does not have".into());
         };
         let same = matches!(
-            (component.0, attribute.get_component_type()),
-            (ComponentType::I8, ComponentDataType::I8)
-                | (ComponentType::U8, ComponentDataType::U8)
-                | (ComponentType::I16, ComponentDataType::I16)
-                | (ComponentType::U16, ComponentDataType::U16)
-                | (ComponentType::U32, ComponentDataType::U32)
-                | (ComponentType::F32, ComponentDataType::F32)
+            (component.0, attribute.data_type()),
+            (ComponentType::I8, DataType::Int8)
+                | (ComponentType::U8, DataType::Uint8)
+                | (ComponentType::I16, DataType::Int16)
+                | (ComponentType::U16, DataType::Uint16)
+                | (ComponentType::U32, DataType::Uint32)
+                | (ComponentType::F32, DataType::Float32)
         );
         let size = component.0.size() * kind.multiplicity();
-        if !same || attribute.get_num_components() != kind.multiplicity() {
-            let found = (attribute.get_num_components(), attribute.get_component_type());
+        if !same || usize::from(attribute.num_components()) != kind.multiplicity() {
+            let found = (attribute.num_components(), attribute.data_type());
             return Err(format!("accessors[{accessor}] is of another type than the stream's {} x {:?}", found.0, found.1));
         }
-        let bytes = attribute.get_data_as_bytes();
+        let (bytes, stride) = (attribute.buffer().data(), usize::try_from(attribute.byte_stride()).unwrap_or(0));
         let mut out = Vec::with_capacity(points * size);
-        for &point in used {
-            if point >= attribute.len() {
-                return Err(format!("a triangle beyond the stream's {} vertices", attribute.len()));
-            }
-            let at = usize::from(attribute.get_unique_val_idx(PointIdx::from(point))) * size;
-            out.extend_from_slice(bytes.get(at..).and_then(|rest| rest.get(..size)).ok_or("a value beyond the stream's own")?);
+        for point in 0..decoded {
+            let value = attribute.mapped_index(PointIndex(point as u32)).0 as usize;
+            let value = value.checked_mul(stride).and_then(|at| bytes.get(at..)?.get(..size));
+            out.extend_from_slice(value.ok_or("a value beyond the stream's own")?);
         }
         let last = out.len().saturating_sub(size);
         while out.len() < points * size {
@@ -217,16 +217,19 @@ mod decoder {
         Ok(out)
     }
 
-    fn indices(root: &Root, accessor: usize, mesh: &Mesh, used: &[usize]) -> Result<Vec<u8>, String> {
+    fn indices(root: &Root, accessor: usize, mesh: &Mesh) -> Result<Vec<u8>, String> {
         let width = match root.accessors[accessor].component_type {
             Checked::Valid(component) if matches!(component.0, ComponentType::U8 | ComponentType::U16 | ComponentType::U32) => {
                 component.0.size()
             }
             _ => return Err(format!("accessors[{accessor}]: indices are neither u8, u16 nor u32")),
         };
-        let mut out = Vec::with_capacity(3 * width * mesh.faces.len());
-        for &point in mesh.faces.iter().flatten() {
-            let index = used.binary_search(&usize::from(point)).map_err(|_| "a triangle beyond its vertices")? as u64;
+        let mut out = Vec::with_capacity(3 * width * mesh.num_faces());
+        for point in mesh.faces().iter().flatten() {
+            if point.0 as usize >= mesh.num_points() {
+                return Err(format!("a triangle beyond its {} vertices", mesh.num_points()));
+            }
+            let index = u64::from(point.0);
             if index >> (8 * width) != 0 {
                 return Err(format!("accessors[{accessor}] is too narrow for vertex {index}"));
             }
@@ -334,14 +337,25 @@ mod counts {
             if method == 0 {
                 return Some(kind == 1 && r.leb128()? == faces && r.leb128()? == points);
             }
-            r.byte()?;
+            let _traversal = r.byte()?;
             let (vertices, n_faces, _, symbols, split_symbols) = (r.leb128()?, r.leb128()?, r.byte()?, r.leb128()?, r.leb128()?);
             let splits = r.leb128()?;
             // A vertex becomes at least one point; a symbol makes a face.
-            Some(kind == 1 && n_faces == faces && vertices <= points && symbols <= faces && split_symbols <= symbols && splits <= faces)
+            Some(
+                kind == 1
+                    && method == 1
+                    && n_faces == faces
+                    && vertices <= points
+                    && symbols <= faces
+                    && split_symbols <= symbols
+                    && splits <= faces,
+            )
         };
         if !bytes.starts_with(b"DRACO") {
             return Err(invalid("its bytes are no Draco stream"));
+        }
+        if !bytes[5..].starts_with(&[2, 2]) {
+            return Err(invalid("its Draco stream is of another version than glTF's, 2.2"));
         }
         match fits(bytes) {
             None => Err(invalid("its Draco stream is cut short")),

@@ -18,6 +18,8 @@ mod glb;
 pub mod gltf;
 #[cfg(test)]
 mod hostile;
+#[cfg(test)]
+mod hostile_extensions;
 pub mod input;
 mod instance;
 #[cfg(test)]
