@@ -3,6 +3,7 @@
 //! Lossless ways must reach 40 dB, quantised ones 35 dB. Files in `fixtures` were made from the very scene of [`room`] by the tools that
 //! people use; `PRELIGHT_FIXTURES=FOLDER cargo test -p prelight-bake --test formats` writes its source there, `.ci/fixtures` runs the tools.
 
+mod others;
 mod room;
 mod variations;
 
@@ -43,11 +44,16 @@ fn sky() -> Vec<u8> {
 
 /// Bakes and renders a file; `settings` go into the `[scene]` of its scene.toml.
 fn picture(bytes: &[u8], settings: &str) -> Image {
+    picture_of(&[("a.glb", bytes)], &format!("gltf = \"a.glb\"\n{settings}"))
+}
+
+/// Bakes and renders a scene of several files, whose scene.toml has these lines in its `[scene]`.
+fn picture_of(files: &[(&str, &[u8])], scene: &str) -> Image {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    std::fs::write(folder.join("a.glb"), bytes).unwrap();
+    files.iter().for_each(|(name, bytes)| std::fs::write(folder.join(name), bytes).unwrap());
     std::fs::write(folder.join("sky.hdr"), sky()).unwrap();
-    std::fs::write(folder.join("scene.toml"), format!("format = 1\n[scene]\ngltf = \"a.glb\"\n{settings}\n")).unwrap();
+    std::fs::write(folder.join("scene.toml"), format!("format = 1\n[scene]\n{scene}\n")).unwrap();
     run(folder, &["bake", "scene.toml", "-o", "a.prelight.json", "--quality", "draft", "--edge-length", "0.25"]);
     let view = ["--eye", "0.6,1.4,2.2", "--look-at", "0,0.2,0", "--fov", "45"];
     let render = ["render", "a.prelight.json", "-e", "sky.hdr", "--size", "96x72", "--samples", "4", "-o", "a.exr"];
