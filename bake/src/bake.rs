@@ -5,6 +5,7 @@
 //! An object's chunks depend on the object, its knobs and on what can block light; never on the batch, the shard, the thread or the order,
 //! so any limit and any number of threads give the same digest.
 
+use crate::engine::object::{KnownObject, ObjectCounts, ObjectRecord, PatchReach, known_objects, object_keys};
 use crate::engine::patch::Shadowing;
 use crate::engine::threads::{Paranoid, PatchResult, PatchTask, Tracer};
 use crate::error::BakeError;
@@ -13,6 +14,7 @@ use crate::plan::changes::StalePatch;
 use crate::plan::layer::{MAX_LAYERS, layers};
 use crate::plan::pieces::Pieces;
 use crate::plan::shaft::OriginBoxes;
+use crate::plan::snapshot::Snapshot;
 use crate::plan::surface::point_surfaces;
 use crate::plan::{ObjectPlan, PointParams, plan_object};
 use crate::progress::{Progress, Stage, check};
@@ -26,7 +28,7 @@ use prelight_manifests::asset::{AssetContent, AssetObject, AssetPatch};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use prelight_runtime::asset::points::{BURIED, PATCH_POINTS};
 use prelight_runtime::block_product::visibility::{PointVisibility, Visibility};
-use prelight_store::{Chunk, ShardWriter, Store};
+use prelight_store::{Chunk, MAX_RECORD_DATA, Record, ShardWriter, Store};
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -87,12 +89,32 @@ pub struct BakeStats {
     pub stale: Vec<StalePatch>,
     /// Points added because neighbours saw different things.
     pub points_split: u64,
+    /// Points of objects that were worked on, not taken over whole from an earlier bake.
+    pub points_made: u64,
     /// Plain bytes of all chunks that the asset names, each once.
     pub bytes_resident: u64,
     /// Bytes that this bake added to the store.
     pub bytes_stored: u64,
     /// Seconds per stage, in order.
     pub seconds: Vec<(&'static str, f64)>,
+}
+
+impl BakeStats {
+    fn count(&mut self, object: &AssetObject, counts: &ObjectCounts) {
+        self.points += u64::from(object.n_points);
+        self.buried += u64::from(counts.buried);
+        self.triangles += u64::from(counts.triangles);
+        self.patches += object.patches.len() as u64;
+        self.points_split += u64::from(counts.split);
+    }
+
+    /// Counts an object that needs no work.
+    fn take(&mut self, known: KnownObject) -> AssetObject {
+        self.count(&known.object, &known.counts);
+        self.tiles.live += u64::from(known.counts.live);
+        self.tiles.known += u64::from(known.counts.live);
+        known.object
+    }
 }
 
 /// What became of tiles. A tile is a 96th of the directions of one patch.
@@ -163,61 +185,46 @@ pub fn bake_counted(
     progress: &dyn Progress,
 ) -> Result<Baked, BakeError> {
     let mut clock = Clock::default();
+    let layer_of = layers(scene, world, &options.rebake.layers);
+    let pieces = Pieces::build(scene, world, &layer_of, MAX_LAYERS);
+    let mut stats = BakeStats::default();
     let wanted = |object: usize| options.rebake.wants(object);
-    let counts: Vec<u64> = counts.iter().enumerate().map(|(object, count)| if wanted(object) { *count } else { 0 }).collect();
+    let keys = object_keys(scene, options, &wanted);
+    let snapshot = Snapshot::new(&pieces);
+    // Whoever wants hits checked wants all of them looked up one by one.
+    let usable = |object: usize| options.rebake.paranoid.is_none() && wanted(object);
+    let known = known_objects(scene, options, &keys, &snapshot, store, &usable)?;
+    let mut objects: Vec<Option<AssetObject>> = known.into_iter().map(|known| known.map(|known| stats.take(known))).collect();
+    let missing: Vec<bool> = objects.iter().enumerate().map(|(object, known)| wanted(object) && known.is_none()).collect();
+    let counts: Vec<u64> = counts.iter().zip(&missing).map(|(count, missing)| if *missing { *count } else { 0 }).collect();
     let batches = crate::plan::estimate::batches(world, &counts, options.memory, rayon::current_num_threads())?;
     clock.lap("plan");
 
-    let occluder_options = OccluderOptions { quality: options.tree, ..OccluderOptions::default() };
-    let layer_of = layers(scene, world, &options.rebake.layers);
-    let occluders = Occluders::build_layers(world, &scene.textures, occluder_options, &layer_of, MAX_LAYERS);
-    let pieces = Pieces::build(scene, world, &layer_of, MAX_LAYERS);
-    let names: Vec<&str> = scene.objects.iter().map(|object| object.name.as_str()).collect();
-    let tracer = Tracer {
-        shadowing: Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: options.face_resolution },
-        probe: BuriedProbe::new(scene, world),
-        names: &names,
-        store,
-        progress,
-        shuffle: options.shuffle_shards,
-        paranoid: options.rebake.paranoid,
-    };
-    clock.lap("build");
-
-    let mut stats = BakeStats::default();
-    let mut objects = Vec::with_capacity(scene.objects.len());
-    let estimate = counts.iter().sum();
-    for batch in batches {
-        let stage = Stage::begin(progress, "bake", Some(estimate), "points");
-        stage.advance(stats.points);
-        let mut work: Vec<ObjectWork> = (batch.clone())
-            .into_par_iter()
-            .filter(|object| wanted(*object))
-            .map(|object| Ok(ObjectWork::new(plan_object(scene, world, object, &options.points[object])?)))
-            .collect::<Result<_, BakeError>>()?;
-        clock.lap("plan");
-        for round in 0..=MAX_ROUNDS {
-            check(progress)?;
-            trace_missing(&tracer, options, &mut work, &mut stats)?;
-            clock.lap("trace");
-            if round == MAX_ROUNDS {
-                break;
+    if missing.contains(&true) {
+        let occluder_options = OccluderOptions { quality: options.tree, ..OccluderOptions::default() };
+        let occluders = Occluders::build_layers(world, &scene.textures, occluder_options, &layer_of, MAX_LAYERS);
+        let names: Vec<&str> = scene.objects.iter().map(|object| object.name.as_str()).collect();
+        let tracer = Tracer {
+            shadowing: Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: options.face_resolution },
+            probe: BuriedProbe::new(scene, world),
+            names: &names,
+            store,
+            progress,
+            shuffle: options.shuffle_shards,
+            paranoid: options.rebake.paranoid,
+        };
+        clock.lap("build");
+        let sealing = Sealing { scene, options, store, progress, keys: &keys, snapshot: &snapshot };
+        for batch in batches {
+            let batch: Vec<usize> = batch.filter(|object| missing[*object]).collect();
+            let work = bake_batch(&batch, counts.iter().sum(), world, &tracer, &sealing, &mut stats, &mut clock)?;
+            for (object, sealed) in batch.into_iter().zip(sealing.seal(&work, &mut stats)?) {
+                objects[object] = Some(sealed);
             }
-            let split: u64 = work
-                .par_iter_mut()
-                .map(|object| object.split(&options.points[object.plan.object as usize], options.face_resolution))
-                .sum::<Result<u64, BakeError>>()?;
-            stats.points_split += split;
-            clock.lap("refine");
-            if split == 0 {
-                break;
-            }
+            clock.lap("seal");
         }
-        drop(stage);
-        let sealed = seal_objects(scene, options, store, &work, &mut stats, progress)?;
-        objects.extend(sealed);
-        clock.lap("seal");
     }
+    let objects = objects.into_iter().flatten().collect();
     let scene_chunks = SceneChunks::put(scene, store)?;
     stats.bytes_stored += scene_chunks.bytes_stored;
     let content = scene_chunks.content(world, options.face_resolution, objects);
@@ -228,18 +235,58 @@ pub fn bake_counted(
     Ok(Baked { content, asset_digest, stats })
 }
 
+/// Plans, traces and refines some objects until nothing is split any more.
+fn bake_batch(
+    batch: &[usize],
+    estimate: u64,
+    world: &World,
+    tracer: &Tracer,
+    of: &Sealing,
+    stats: &mut BakeStats,
+    clock: &mut Clock,
+) -> Result<Vec<ObjectWork>, BakeError> {
+    let Sealing { scene, options, progress, .. } = *of;
+    let stage = Stage::begin(progress, "bake", Some(estimate), "points");
+    stage.advance(stats.points_made);
+    let mut work: Vec<ObjectWork> = (batch.par_iter())
+        .map(|&object| Ok(ObjectWork::new(plan_object(scene, world, object, &options.points[object])?)))
+        .collect::<Result<_, BakeError>>()?;
+    clock.lap("plan");
+    for round in 0..=MAX_ROUNDS {
+        check(progress)?;
+        trace_missing(tracer, options, &mut work, stats)?;
+        clock.lap("trace");
+        if round == MAX_ROUNDS {
+            break;
+        }
+        let split: u64 = work
+            .par_iter_mut()
+            .map(|object| object.split(&options.points[object.plan.object as usize], options.face_resolution))
+            .sum::<Result<u64, BakeError>>()?;
+        clock.lap("refine");
+        if split == 0 {
+            break;
+        }
+    }
+    stats.points_made += work.iter().map(|object| object.plan.n_points() as u64).sum::<u64>();
+    Ok(work)
+}
+
 /// An object of the current batch.
 struct ObjectWork {
     plan: ObjectPlan,
     /// One per patch that has been traced or found, in order.
     visibility: Vec<(Descriptor, Chunk)>,
+    /// Likewise: what each depends on.
+    reaches: Vec<PatchReach>,
     /// Points below this were there at the last round: edges between them were asked then, and the answer does not change.
     judged: u32,
+    counts: ObjectCounts,
 }
 
 impl ObjectWork {
     fn new(plan: ObjectPlan) -> Self {
-        ObjectWork { plan, visibility: Vec::new(), judged: 0 }
+        ObjectWork { plan, visibility: Vec::new(), reaches: Vec::new(), judged: 0, counts: ObjectCounts::default() }
     }
 
     /// Splits edges whose ends see different things; returns how many points that added.
@@ -262,6 +309,7 @@ impl ObjectWork {
         let added = (plan.n_points() - self.plan.n_points()) as u64;
         drop(patches);
         self.judged = self.plan.n_points() as u32;
+        self.counts.split += added as u32;
         self.plan = plan;
         Ok(added)
     }
@@ -292,60 +340,83 @@ fn trace_missing(tracer: &Tracer, options: &BakeOptions, work: &mut [ObjectWork]
                 let tiles = if result.is_new { result.live } else { result.redone };
                 stats.stale.push(StalePatch { object: object.plan.object, origins, tiles, is_new: result.is_new });
             }
+            object.counts.live += result.live.count_ones();
             object.visibility.push((result.visibility, result.chunk));
+            object.reaches.push(result.reach);
         }
     }
     stats.bytes_stored += outcome.bytes_stored;
     Ok(())
 }
 
-/// Puts what is final only now (areas change when triangles are split) and names every chunk of the objects.
-fn seal_objects(
-    scene: &Scene,
-    options: &BakeOptions,
-    store: &Store,
-    work: &[ObjectWork],
-    stats: &mut BakeStats,
-    progress: &dyn Progress,
-) -> Result<Vec<AssetObject>, BakeError> {
-    const POINTS_PER_SHARD: usize = 64 * PATCH_POINTS;
-    let mut writer = store.writer();
-    let mut waiting = 0;
-    let mut sealed = Vec::with_capacity(work.len());
-    for object in work {
-        check(progress)?;
-        let plan = &object.plan;
-        let surfaces = point_surfaces(scene, plan);
-        let mut patches = Vec::with_capacity(plan.patches.len());
-        for (patch, (visibility, _)) in plan.patches.iter().zip(&object.visibility) {
-            let n = u64::from(patch.n_points);
-            let points = writer.put(ChunkKind::Points, Dtype::U8, vec![n], &plan.points(patch).to_chunk())?;
-            let surface = writer.put(ChunkKind::Surface, Dtype::U8, vec![n], &surfaces.patch(patch).to_chunk())?;
-            patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility: visibility.clone() });
-            waiting += n as usize;
-            if waiting >= POINTS_PER_SHARD {
-                stats.bytes_stored += commit(std::mem::replace(&mut writer, store.writer()))?;
-                waiting = 0;
-            }
+/// What sealing an object reads beside the object.
+struct Sealing<'a> {
+    scene: &'a Scene,
+    options: &'a BakeOptions,
+    store: &'a Store,
+    progress: &'a dyn Progress,
+    /// `[objects of the scene]`.
+    keys: &'a [Digest],
+    snapshot: &'a Snapshot,
+}
+
+impl Sealing<'_> {
+    /// Puts what is final only now (areas change when triangles are split), names every chunk of the objects and records them whole.
+    fn seal(&self, work: &[ObjectWork], stats: &mut BakeStats) -> Result<Vec<AssetObject>, BakeError> {
+        const POINTS_PER_SHARD: usize = 64 * PATCH_POINTS;
+        let mut writer = self.store.writer();
+        let mut waiting = 0;
+        let mut sealed = Vec::with_capacity(work.len());
+        let snapshot = self.snapshot.key();
+        let data = self.snapshot.encode();
+        let recorded = data.len() <= MAX_RECORD_DATA;
+        if recorded && self.store.lookup(&snapshot)?.is_none() {
+            writer.record(snapshot, Record { chunks: Vec::new(), data });
         }
-        let mesh = plan.mesh();
-        let shape = vec![mesh.position.len() as u64, mesh.triangles.len() as u64];
-        let mesh = writer.put(ChunkKind::Mesh, Dtype::U8, shape, &mesh.view().to_chunk())?;
-        stats.points += plan.n_points() as u64;
-        stats.buried += plan.n_buried() as u64;
-        stats.triangles += plan.n_triangles() as u64;
-        stats.patches += plan.patches.len() as u64;
-        let name = scene.objects[plan.object as usize].name.clone();
-        let (n_points, n_triangles) = (plan.n_points() as u32, plan.n_triangles() as u32);
-        let technique = "block_product".to_string();
-        let source = &scene.objects[plan.object as usize];
-        let base = writer.put(ChunkKind::Base, Dtype::U8, vec![source.mesh.primitives.len() as u64], &seal::base_chunk(&source.mesh))?;
-        let (world_from_local, edge_length) = (source.world_from_local, options.points[plan.object as usize].edge_length);
-        let object = AssetObject { name, technique, n_points, n_triangles, base, world_from_local, edge_length, mesh, patches };
-        sealed.push(object);
+        for object in work {
+            check(self.progress)?;
+            let plan = &object.plan;
+            let source = &self.scene.objects[plan.object as usize];
+            let surfaces = point_surfaces(self.scene, plan);
+            let mut patches = Vec::with_capacity(plan.patches.len());
+            for (patch, (visibility, _)) in plan.patches.iter().zip(&object.visibility) {
+                let n = u64::from(patch.n_points);
+                let points = writer.put(ChunkKind::Points, Dtype::U8, vec![n], &plan.points(patch).to_chunk())?;
+                let surface = writer.put(ChunkKind::Surface, Dtype::U8, vec![n], &surfaces.patch(patch).to_chunk())?;
+                patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility: visibility.clone() });
+                waiting += n as usize;
+                if waiting >= POINTS_PER_SHARD {
+                    stats.bytes_stored += commit(std::mem::replace(&mut writer, self.store.writer()))?;
+                    waiting = 0;
+                }
+            }
+            let mesh = plan.mesh();
+            let shape = vec![mesh.position.len() as u64, mesh.triangles.len() as u64];
+            let mesh = writer.put(ChunkKind::Mesh, Dtype::U8, shape, &mesh.view().to_chunk())?;
+            let shape = vec![source.mesh.primitives.len() as u64];
+            let base = writer.put(ChunkKind::Base, Dtype::U8, shape, &seal::base_chunk(&source.mesh))?;
+            let made = AssetObject {
+                name: source.name.clone(),
+                technique: "block_product".to_string(),
+                n_points: plan.n_points() as u32,
+                n_triangles: plan.n_triangles() as u32,
+                base,
+                world_from_local: source.world_from_local,
+                edge_length: self.options.points[plan.object as usize].edge_length,
+                mesh,
+                patches,
+            };
+            let counts = ObjectCounts { triangles: made.n_triangles, buried: plan.n_buried() as u32, ..object.counts };
+            let record = ObjectRecord { object: &made, counts, reaches: &object.reaches };
+            if let Some(record) = record.encode(&snapshot).filter(|_| recorded) {
+                writer.record(self.keys[plan.object as usize], record);
+            }
+            stats.count(&made, &counts);
+            sealed.push(made);
+        }
+        stats.bytes_stored += commit(writer)?;
+        Ok(sealed)
     }
-    stats.bytes_stored += commit(writer)?;
-    Ok(sealed)
 }
 
 /// Publishes a shard; returns the bytes that it took on disk.

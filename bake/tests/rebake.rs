@@ -296,3 +296,42 @@ fn patches_by_shafts_and_layers_have_the_bits_of_one_tree_and_one_origin_at_a_ti
     }
     assert!(blocked > 500, "{blocked}");
 }
+
+#[test]
+fn what_no_edit_reaches_is_taken_over_whole() {
+    let mut scene = room();
+    let options = options(&scene);
+    let (_folder, store, first) = clean(&scene, &options);
+    assert_eq!(first.stats.points_made, first.stats.points);
+    let again = bake_in(&scene, &options, &store);
+    assert_eq!((again.asset_digest, again.stats.points_made), (first.asset_digest, 0));
+    assert_eq!(again.stats.tiles.live, first.stats.tiles.live);
+    assert_eq!(
+        (again.stats.points, again.stats.buried, again.stats.points_split),
+        (first.stats.points, first.stats.buried, first.stats.points_split)
+    );
+
+    // Roughness is averaged over footprints: the objects of one material are planned again, and no light is traced.
+    scene.materials[1].roughness = 0.25;
+    let edited = bake_in(&scene, &options, &store);
+    assert_eq!(edited.asset_digest, clean(&scene, &options).2.asset_digest);
+    assert_eq!((edited.stats.tiles.traced, edited.stats.patches_traced), (0, 0));
+    let double_sided = ["wall/left", "lamp"];
+    let of = |names: &[&str]| -> u64 {
+        let objects = first.content.objects.iter().filter(|object| names.contains(&object.name.as_str()));
+        objects.map(|object| u64::from(object.n_points)).sum()
+    };
+    assert_eq!(edited.stats.points_made, of(&double_sided));
+
+    // A cup under the floor is seen by nothing but the floor's edges, and sees the floor's underside.
+    let cup = scene.objects.iter().position(|object| object.name == "cup").expect("the cup");
+    scene.objects[cup].world_from_local[13] = -0.6;
+    let moved = bake_in(&scene, &options, &store);
+    assert_eq!(moved.asset_digest, clean(&scene, &options).2.asset_digest);
+    assert!(moved.stats.points_made < moved.stats.points, "{:?}", moved.stats);
+
+    let paranoid =
+        BakeOptions { rebake: RebakeOptions { paranoid: Some(Paranoid { tiles: 1, seed: 1 }), ..RebakeOptions::default() }, ..options };
+    let checked = bake_in(&scene, &paranoid, &store);
+    assert_eq!((checked.asset_digest, checked.stats.points_made), (moved.asset_digest, moved.stats.points), "checked one by one");
+}

@@ -1,5 +1,6 @@
 //! Engines: who runs the shards. The store, never an engine, says what is done.
 
 pub mod bits;
+pub mod object;
 pub mod patch;
 pub mod threads;

@@ -73,6 +73,8 @@ pub struct Resolved {
     pub table: TileTable,
     /// Tiles above the horizon of some point.
     pub live: TileSet,
+    /// `[layers]` cells that were open before each.
+    pub open: Vec<[u64; 6]>,
     /// Tiles that were traced.
     pub redone: TileSet,
     /// Of those, the ones whose bits no candidate has; none where there was no candidate.
@@ -94,6 +96,8 @@ struct Walk<'a> {
     of: &'a Shadowing<'a>,
     inputs: &'a PatchInputs<'a>,
     open: OpenCells,
+    /// What was open before each layer so far.
+    before: Vec<[u64; 6]>,
     names: [[u8; 16]; N_TILES],
     /// Bit k: pieces of layer k reach the tile.
     reached: [u8; N_TILES],
@@ -103,7 +107,7 @@ struct Walk<'a> {
 impl<'a> Walk<'a> {
     fn new(of: &'a Shadowing<'a>, inputs: &'a PatchInputs<'a>) -> Self {
         let open = OpenCells::above_horizon(&inputs.plan.normal[inputs.patch.range()], of.face_resolution as usize);
-        Walk { of, inputs, open, names: [HORIZON; N_TILES], reached: [0; N_TILES], rows: Vec::new() }
+        Walk { of, inputs, open, before: Vec::new(), names: [HORIZON; N_TILES], reached: [0; N_TILES], rows: Vec::new() }
     }
 
     /// Looks a layer's tiles up, but for those of `skip`; returns those that no candidate knows, with their keys in `keys`.
@@ -114,6 +118,7 @@ impl<'a> Walk<'a> {
         tables: impl Iterator<Item = &'c TileTable> + Clone,
         keys: &mut [[u8; 16]; N_TILES],
     ) -> (TileSet, TileSet) {
+        self.before.push(*self.open.faces());
         let reach = Reach::new(self.of.pieces, layer, &self.inputs.origins, &self.open, self.of.face_resolution as usize);
         let (mut missed, mut renamed) = (0, 0);
         for tile in tiles(reach.tiles & !skip) {
@@ -216,7 +221,7 @@ pub fn resolve(
         redone |= wanted;
     }
     let table = TileTable::new(walk.rows, inputs.origins.boxes.len());
-    Ok(Resolution::Done(Resolved { table, live, redone, changed, same }))
+    Ok(Resolution::Done(Resolved { table, live, open: walk.before, redone, changed, same }))
 }
 
 /// The tiles of a set for which something holds.

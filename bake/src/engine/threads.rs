@@ -5,6 +5,7 @@
 //! beside the workers publishes, because that waits for the disk.
 
 use super::bits::PatchBits;
+use super::object::PatchReach;
 use super::patch::{Candidate, PatchInputs, Resolution, Resolved, Shadowing, false_hit, resolve};
 use crate::bake::commit;
 use crate::block_product::visibility::encode;
@@ -42,6 +43,8 @@ pub struct PatchResult {
     pub chunk: Chunk,
     /// Points of the patch that lie inside other solids.
     pub buried: Vec<u8>,
+    /// What all this depends on beside the patch's own object.
+    pub reach: PatchReach,
     /// No record of these points was there.
     pub is_new: bool,
     /// Tiles above the horizon of some point.
@@ -137,7 +140,7 @@ impl Tracer<'_> {
                 Resolution::Unusable(index) => drop(candidates.remove(index)),
             }
         };
-        let Resolved { table, live, redone, changed, same } = resolved;
+        let Resolved { table, live, open, redone, changed, same } = resolved;
         let known = candidates.iter().any(|candidate| candidate.table == table);
         let (visibility, chunk) = match same {
             Some((index, chunk)) => (candidates.swap_remove(index).descriptor, chunk),
@@ -151,8 +154,9 @@ impl Tracer<'_> {
             writer.record(inputs.key, Record { chunks: vec![visibility.clone()], data: table.encode() });
         }
         self.check_hits(&inputs, &chunk, live & !redone, bits)?;
-        let buried = self.buried(task, &inputs, &chunk, writer)?;
-        Ok(PatchResult { visibility, chunk, buried, is_new, live, redone, changed })
+        let (buried, buried_reach) = self.buried(task, &inputs, &chunk, writer)?;
+        let reach = PatchReach { origins: inputs.origins.patch, open, buried: buried_reach };
+        Ok(PatchResult { visibility, chunk, buried, reach, is_new, live, redone, changed })
     }
 
     /// A chunk of a record, if it is what this patch needs.
@@ -199,12 +203,12 @@ impl Tracer<'_> {
     }
 
     /// Points that see nothing are asked whether they lie inside a solid. Kept in a record of its own: it depends on which surfaces are
-    /// double-sided, visibility does not.
-    fn buried(&self, task: &PatchTask, inputs: &PatchInputs, chunk: &Chunk, writer: &mut ShardWriter) -> Result<Vec<u8>, BakeError> {
+    /// double-sided, visibility does not. Also gives the metres within which lies what decided; below 0 where no point was asked.
+    fn buried(&self, task: &PatchTask, inputs: &PatchInputs, chunk: &Chunk, writer: &mut ShardWriter) -> Result<(Vec<u8>, f64), BakeError> {
         let visibility = Visibility::from_chunk(chunk)?;
         let blind: Vec<u8> = (0..visibility.len()).filter(|i| visibility.point(*i).counts.is_empty()).map(|i| i as u8).collect();
         if blind.is_empty() {
-            return Ok(Vec::new());
+            return Ok((Vec::new(), -1.0));
         }
         let first = task.patch.range().start;
         let point = |local: u8| first + usize::from(local);
@@ -221,7 +225,7 @@ impl Tracer<'_> {
                 && points.iter().all(|i| blind.contains(i))
                 && key(reach) == made_for
             {
-                return Ok(points.to_vec());
+                return Ok((points.to_vec(), reach));
             }
         }
         let (mut buried, mut reach) = (Vec::new(), 0.0f64);
@@ -239,7 +243,7 @@ impl Tracer<'_> {
         }
         let data = [&reach.to_le_bytes()[..], &key(reach).0, &buried].concat();
         writer.record(question, Record { chunks: Vec::new(), data });
-        Ok(buried)
+        Ok((buried, reach))
     }
 }
 

@@ -19,6 +19,7 @@ pub mod patch;
 pub mod pieces;
 pub mod points;
 pub mod shaft;
+pub mod snapshot;
 pub mod stale;
 pub mod surface;
 pub mod tile;

@@ -104,6 +104,13 @@ impl Pieces {
         all
     }
 
+    /// Every piece with its layer.
+    pub fn by_layer(&self) -> impl Iterator<Item = (u8, &Piece)> {
+        let leaves = |nodes: &'_ Vec<PieceNode>| nodes.iter().map(|node| node.piece).filter(|piece| *piece != NO_PIECE).collect::<Vec<_>>();
+        let layers = self.nodes.iter().zip(0..).flat_map(move |(nodes, layer)| leaves(nodes).into_iter().map(move |piece| (layer, piece)));
+        layers.map(|(layer, piece)| (layer, &self.pieces[piece as usize]))
+    }
+
     /// Number of layers.
     pub fn n_layers(&self) -> usize {
         self.nodes.len()

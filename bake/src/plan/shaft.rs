@@ -54,6 +54,18 @@ impl Bounds {
         self.add(other.upper);
     }
 
+    /// Twenty-four bytes: least coordinates, then largest.
+    pub fn to_le_bytes(&self) -> [u8; 24] {
+        let values = [self.lower, self.upper];
+        std::array::from_fn(|i| values.as_flattened()[i / 4].to_le_bytes()[i % 4])
+    }
+
+    /// From those.
+    pub fn from_le_bytes(bytes: &[u8; 24]) -> Bounds {
+        let value = |i: usize| f32::from_le_bytes(std::array::from_fn(|k| bytes[4 * i + k]));
+        Bounds { lower: std::array::from_fn(value), upper: std::array::from_fn(|i| value(3 + i)) }
+    }
+
     /// Euclidean distance between two boxes, metres; 0 when they touch.
     pub fn distance(&self, other: &Bounds) -> f64 {
         let gap = |axis: usize| {

@@ -96,6 +96,11 @@ impl OpenCells {
         }
     }
 
+    /// `[faces]` cells that are open to some point.
+    pub fn faces(&self) -> &[u64; 6] {
+        &self.patch
+    }
+
     /// Tiles with an open cell.
     pub fn live(&self) -> TileSet {
         (0..6).fold(0, |set, face| set | TileSet::from(tiles_of_cells(self.patch[face])) << (16 * face))
