@@ -3,7 +3,7 @@
 use super::args::{BakeKnobs, SceneArgs, duration};
 use super::context::peak_memory;
 use super::loaded::Loaded;
-use super::output::write_atomically;
+use super::output::{check_writable, write_atomically};
 use super::{Context, ExitCode, Failure, Summary, reasons};
 use clap::Args;
 use prelight_bake::bake::{Baked, bake_counted};
@@ -116,6 +116,7 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, start: Instant, con
     let asset = output.unwrap_or_else(|| default_asset(loaded, in_part));
     let folder = context.store.clone().unwrap_or_else(|| default_store(&asset));
     let store = Store::open_or_create(&folder)?;
+    check_writable(&asset)?;
     let baked = bake_counted(&loaded.scene, &loaded.world, &loaded.settings.points, &loaded.settings.options, &store, context.progress())?;
     let mut summary = summary(&baked, loaded, &asset, &folder, read_seconds, start);
     if baked.stats.tiles.traced > 0 && asset.exists() {

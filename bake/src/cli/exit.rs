@@ -106,7 +106,7 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 /// The file that is not there, of an error that says so.
 fn missing_file<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a Path> {
     let (path, source) = match (cause.downcast_ref(), cause.downcast_ref()) {
-        (Some(BakeError::Input { path, source }), _) => (Path::new(path), source),
+        (Some(BakeError::Input { path, source } | BakeError::Output { path, source }), _) => (Path::new(path), source),
         (_, Some(StoreError::Io { path, source, .. })) => (path.as_path(), source),
         _ => return None,
     };

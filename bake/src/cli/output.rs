@@ -62,6 +62,12 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::R
     })
 }
 
+/// Refuses what cannot be written before work is spent on it: a path whose folder is missing, or that is one.
+pub fn check_writable(path: &Path) -> Result<(), BakeError> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    temporary_name(path).and_then(|_| std::fs::metadata(folder)).map(drop).map_err(|source| BakeError::output(path, source))
+}
+
 /// `.NAME.PID.tmp` beside `path`, so that a rename never crosses file systems.
 fn temporary_name(path: &Path) -> io::Result<PathBuf> {
     let name = path.file_name().ok_or_else(|| io::Error::new(ErrorKind::InvalidInput, "this names a folder, not a file"))?;
@@ -82,6 +88,7 @@ mod tests {
     fn failed_writes_leave_the_old_file_and_no_other() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("out.json");
+        check_writable(&path).unwrap();
         write_atomically(&path, |out| out.write_all(b"old")).unwrap();
         let error = write_atomically(&path, |out| {
             out.write_all(&[b'x'; 100_000])?;
@@ -98,8 +105,9 @@ mod tests {
     fn folders_and_missing_folders_are_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         for path in [folder.path().to_path_buf(), folder.path().join("missing/out.png"), PathBuf::from("/")] {
-            let error = write_atomically(&path, |_| Ok(())).unwrap_err().to_string();
-            assert!(error.contains(&path.display().to_string()), "{error}");
+            for error in [write_atomically(&path, |_| Ok(())), check_writable(&path)].map(|result| result.unwrap_err().to_string()) {
+                assert!(error.contains(&path.display().to_string()), "{error}");
+            }
         }
     }
 }

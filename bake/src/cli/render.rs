@@ -3,7 +3,7 @@
 use super::args::{ViewArgs, finite};
 use super::bake::round;
 use super::opened::{camera, open_asset, open_environment};
-use super::output::write_atomically;
+use super::output::{check_writable, write_atomically};
 use super::truth::{Truth, split_error};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
@@ -66,6 +66,7 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
         let text = format!("{} is neither .png nor .exr\n  help: -o render.png", args.output.display());
         return Err(Failure::text(ExitCode::Usage, text));
     }
+    check_writable(&args.output)?;
     let asset = open_asset(&args.asset, context)?;
     let camera = camera(&asset, &args.view)?;
     let open = start.elapsed().as_secs_f64();

@@ -1,7 +1,7 @@
 //! `prelight unpack`: from one file back to a manifest and a store, with the same digests.
 
 use super::bake::default_store;
-use super::output::write_atomically;
+use super::output::{check_writable, write_atomically};
 use super::{Context, Failure, Summary};
 use clap::Args;
 use prelight_bake::progress::{Stage, check};
@@ -42,6 +42,7 @@ pub fn run(args: UnpackArgs, context: &Context) -> Result<Summary, Failure> {
     // What is taken into the store must be what the manifest promises.
     prelight_runtime::asset::Asset::open(manifest.clone(), &source)?;
     let store = Store::open_or_create(&folder)?;
+    check_writable(&output)?;
     let (chunks, bytes) = put_chunks(&manifest, &source, &store, context)?;
     manifest.report.insert("store".to_string(), store_name(&output, &folder).into());
     manifest.report.insert("unpacked_from".to_string(), name.into());
