@@ -8,6 +8,7 @@
 use crate::engine::object::{KnownObject, ObjectCounts, ObjectRecord, PatchReach, known_objects, object_keys};
 use crate::engine::patch::Shadowing;
 use crate::engine::threads::{Paranoid, PatchResult, PatchTask, Tracer};
+use crate::engine::transfer::{PatchTransfer, TransferBaker, TransferStats};
 use crate::error::BakeError;
 use crate::plan::buried::BuriedProbe;
 use crate::plan::changes::StalePatch;
@@ -24,8 +25,9 @@ use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::seal::{self, SceneChunks};
 use crate::trace::{OccluderOptions, Occluders, TreeQuality};
+use crate::vmf_transfer::transfer::TransferOptions;
 use prelight_manifests::asset::{AssetContent, AssetObject, AssetPatch};
-use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
+use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype, Technique};
 use prelight_runtime::asset::points::{BURIED, PATCH_POINTS};
 use prelight_runtime::block_product::visibility::{PointVisibility, Visibility};
 use prelight_store::{Chunk, MAX_RECORD_DATA, Record, ShardWriter, Store};
@@ -34,6 +36,9 @@ use std::time::Instant;
 
 /// Rounds of splitting at most: each halves an edge, and the area floor ends it sooner.
 const MAX_ROUNDS: usize = 4;
+
+/// Triangles of a leaf of the tree that paths are traced through.
+const PATH_LEAF: usize = 16;
 
 /// What decides a bake, besides the scene.
 #[derive(Clone, Debug)]
@@ -44,12 +49,23 @@ pub struct BakeOptions {
     pub face_resolution: u32,
     /// Effort of the tree's builder; changes no bit.
     pub tree: TreeQuality,
+    /// One per object: how its indirect light is baked, if it is. May be shorter.
+    pub transfer: Vec<Option<TransferOptions>>,
+    /// Surfaces between a point and the environment that indirect light crosses, at least 1.
+    pub bounces: u32,
     /// Bytes that the bake may hold; changes no bit.
     pub memory: u64,
     /// Shuffles the order of shards, for tests; changes no bit.
     pub shuffle_shards: Option<u64>,
     /// What concerns work that is already in the store.
     pub rebake: RebakeOptions,
+}
+
+impl BakeOptions {
+    /// How an object's indirect light is baked, if it is.
+    pub fn transfer_of(&self, object: u32) -> Option<&TransferOptions> {
+        self.transfer.get(object as usize).and_then(Option::as_ref)
+    }
 }
 
 /// How finished work is found and used again. Changes no bit of an object that is baked.
@@ -89,6 +105,8 @@ pub struct BakeStats {
     pub stale: Vec<StalePatch>,
     /// Points added because neighbours saw different things.
     pub points_split: u64,
+    /// What indirect light took.
+    pub transfer: TransferStats,
     /// Points of objects that were worked on, not taken over whole from an earlier bake.
     pub points_made: u64,
     /// Plain bytes of all chunks that the asset names, each once.
@@ -192,7 +210,9 @@ pub fn bake_counted(
     let keys = object_keys(scene, options, &wanted);
     let snapshot = Snapshot::new(&pieces);
     // Whoever wants hits checked wants all of them looked up one by one.
-    let usable = |object: usize| options.rebake.paranoid.is_none() && wanted(object);
+    // Indirect light hangs on the whole scene, which an object's record does not know.
+    let is_direct = |object: usize| options.transfer_of(object as u32).is_none();
+    let usable = |object: usize| options.rebake.paranoid.is_none() && wanted(object) && is_direct(object);
     let known = known_objects(scene, options, &keys, &snapshot, store, &usable)?;
     let mut objects: Vec<Option<AssetObject>> = known.into_iter().map(|known| known.map(|known| stats.take(known))).collect();
     let missing: Vec<bool> = objects.iter().enumerate().map(|(object, known)| wanted(object) && known.is_none()).collect();
@@ -213,8 +233,16 @@ pub fn bake_counted(
             shuffle: options.shuffle_shards,
             paranoid: options.rebake.paranoid,
         };
+        // Paths are single rays, which smaller leaves suit.
+        let path_occluders = (missing.iter().enumerate())
+            .any(|(object, missing)| *missing && !is_direct(object))
+            .then(|| Occluders::build(world, &scene.textures, OccluderOptions { leaf_size: PATH_LEAF, ..occluder_options }));
+        let edge_lengths: Vec<f32> = options.points.iter().map(|params| params.edge_length).collect();
+        let transfer = (path_occluders.as_ref())
+            .map(|occluders| TransferBaker::new(scene, world, occluders, &edge_lengths, options.bounces, store, progress));
         clock.lap("build");
-        let sealing = Sealing { scene, options, store, progress, keys: &keys, snapshot: &snapshot };
+        let transfer = transfer.as_ref();
+        let sealing = Sealing { scene, options, store, progress, keys: &keys, snapshot: &snapshot, transfer };
         for batch in batches {
             let batch: Vec<usize> = batch.filter(|object| missing[*object]).collect();
             let work = bake_batch(&batch, counts.iter().sum(), world, &tracer, &sealing, &mut stats, &mut clock)?;
@@ -259,9 +287,15 @@ fn bake_batch(
         if round == MAX_ROUNDS {
             break;
         }
+        if let Some(transfer) = of.transfer {
+            for object in &mut work {
+                object.trace_indirect(scene, options, transfer, stats)?;
+            }
+            clock.lap("transfer");
+        }
         let split: u64 = work
             .par_iter_mut()
-            .map(|object| object.split(&options.points[object.plan.object as usize], options.face_resolution))
+            .map(|object| object.split(&options.points[object.plan.object as usize], options, of.transfer))
             .sum::<Result<u64, BakeError>>()?;
         clock.lap("refine");
         if split == 0 {
@@ -279,6 +313,8 @@ struct ObjectWork {
     visibility: Vec<(Descriptor, Chunk)>,
     /// Likewise: what each depends on.
     reaches: Vec<PatchReach>,
+    /// Light over other surfaces as it is now, and the normals that its slices lie about; empty where the object has none.
+    indirect: (Vec<PatchTransfer>, Vec<[f32; 3]>),
     /// Points below this were there at the last round: edges between them were asked then, and the answer does not change.
     judged: u32,
     counts: ObjectCounts,
@@ -286,11 +322,30 @@ struct ObjectWork {
 
 impl ObjectWork {
     fn new(plan: ObjectPlan) -> Self {
-        ObjectWork { plan, visibility: Vec::new(), reaches: Vec::new(), judged: 0, counts: ObjectCounts::default() }
+        let indirect = Default::default();
+        ObjectWork { plan, visibility: Vec::new(), reaches: Vec::new(), indirect, judged: 0, counts: ObjectCounts::default() }
     }
 
-    /// Splits edges whose ends see different things; returns how many points that added.
-    fn split(&mut self, params: &PointParams, face_resolution: u32) -> Result<u64, BakeError> {
+    /// Traces what other surfaces send to the points that there are, if the object asks for it.
+    fn trace_indirect(
+        &mut self,
+        scene: &Scene,
+        options: &BakeOptions,
+        baker: &TransferBaker,
+        stats: &mut BakeStats,
+    ) -> Result<(), BakeError> {
+        let Some(own) = options.transfer_of(self.plan.object) else { return Ok(()) };
+        let surfaces = point_surfaces(scene, &self.plan);
+        let (patches, took) = baker.run(&self.plan, &surfaces, own)?;
+        stats.bytes_stored += took.bytes_stored;
+        stats.transfer.add(&took);
+        self.indirect = (patches, surfaces.normal);
+        Ok(())
+    }
+
+    /// Splits edges whose ends see different things, or get other indirect light; returns how many points that added.
+    fn split(&mut self, params: &PointParams, options: &BakeOptions, transfer: Option<&TransferBaker>) -> Result<u64, BakeError> {
+        let face_resolution = options.face_resolution;
         let texels = 6 * (face_resolution * face_resolution) as usize;
         let patches: Vec<Visibility> = self.visibility.iter().map(|(_, chunk)| Visibility::from_chunk(chunk)).collect::<Result<_, _>>()?;
         let first: Vec<u32> = self.plan.patches.iter().map(|patch| patch.first).collect();
@@ -299,15 +354,20 @@ impl ObjectWork {
             patches[patch].point((i - first[patch]) as usize)
         };
         let scratch = std::cell::RefCell::new(Default::default());
+        let (patches_lit, normal) = (&self.indirect.0, &self.indirect.1);
+        let baker = transfer.zip(options.transfer_of(self.plan.object));
+        let indirect = baker.map(|(baker, own)| baker.differing(&self.plan, patches_lit, normal, own));
         let is_buried = |i: u32| self.plan.flags[i as usize] & BURIED != 0;
         let differs = |a: u32, b: u32| {
             // Nothing is interpolated from a buried point, so nothing leaks from it.
             let settled = a.max(b) < self.judged || is_buried(a) || is_buried(b);
-            !settled && Difference::between(point(a), point(b), texels, &mut scratch.borrow_mut()).is_leak(texels)
+            !settled
+                && (Difference::between(point(a), point(b), texels, &mut scratch.borrow_mut()).is_leak(texels)
+                    || indirect.as_ref().is_some_and(|differs| differs(a, b)))
         };
         let Some(plan) = split_differing(&self.plan, params, &differs)? else { return Ok(0) };
         let added = (plan.n_points() - self.plan.n_points()) as u64;
-        drop(patches);
+        drop((patches, indirect));
         self.judged = self.plan.n_points() as u32;
         self.counts.split += added as u32;
         self.plan = plan;
@@ -358,6 +418,8 @@ struct Sealing<'a> {
     /// `[objects of the scene]`.
     keys: &'a [Digest],
     snapshot: &'a Snapshot,
+    /// Where an object asks for it.
+    transfer: Option<&'a TransferBaker<'a>>,
 }
 
 impl Sealing<'_> {
@@ -378,12 +440,23 @@ impl Sealing<'_> {
             let plan = &object.plan;
             let source = &self.scene.objects[plan.object as usize];
             let surfaces = point_surfaces(self.scene, plan);
+            let asked = self.options.transfer_of(plan.object);
+            let indirect = match self.transfer.zip(asked) {
+                Some((baker, own)) => {
+                    // Mostly found: only averages over footprints that a last split has changed are new.
+                    let (chunks, took) = baker.run(plan, &surfaces, own)?;
+                    stats.bytes_stored += took.bytes_stored;
+                    stats.transfer.add(&took);
+                    chunks.into_iter().map(|patch| Some(patch.descriptor)).collect()
+                }
+                None => vec![None; plan.patches.len()],
+            };
             let mut patches = Vec::with_capacity(plan.patches.len());
-            for (patch, (visibility, _)) in plan.patches.iter().zip(&object.visibility) {
+            for ((patch, (visibility, _)), transfer) in plan.patches.iter().zip(&object.visibility).zip(indirect) {
                 let n = u64::from(patch.n_points);
                 let points = writer.put(ChunkKind::Points, Dtype::U8, vec![n], &plan.points(patch).to_chunk())?;
                 let surface = writer.put(ChunkKind::Surface, Dtype::U8, vec![n], &surfaces.patch(patch).to_chunk())?;
-                patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility: visibility.clone() });
+                patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility: visibility.clone(), transfer });
                 waiting += n as usize;
                 if waiting >= POINTS_PER_SHARD {
                     stats.bytes_stored += commit(std::mem::replace(&mut writer, self.store.writer()))?;
@@ -397,7 +470,7 @@ impl Sealing<'_> {
             let base = writer.put(ChunkKind::Base, Dtype::U8, shape, &seal::base_chunk(&source.mesh))?;
             let made = AssetObject {
                 name: source.name.clone(),
-                technique: "block_product".to_string(),
+                technique: if asked.is_some() { Technique::VmfTransfer } else { Technique::BlockProduct }.name().to_string(),
                 n_points: plan.n_points() as u32,
                 n_triangles: plan.n_triangles() as u32,
                 base,
@@ -408,7 +481,7 @@ impl Sealing<'_> {
             };
             let counts = ObjectCounts { triangles: made.n_triangles, buried: plan.n_buried() as u32, ..object.counts };
             let record = ObjectRecord { object: &made, counts, reaches: &object.reaches };
-            if let Some(record) = record.encode(&snapshot).filter(|_| recorded) {
+            if let Some(record) = record.encode(&snapshot).filter(|_| recorded && asked.is_none()) {
                 writer.record(self.keys[plan.object as usize], record);
             }
             stats.count(&made, &counts);

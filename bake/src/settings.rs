@@ -5,12 +5,15 @@ use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::density::density;
 use crate::plan::estimate::count_points;
+use crate::refine::angular::ViewOptions;
+use crate::refine::mesh::MeshOptions;
 use crate::scene::Scene;
 use crate::scene::overrides::ObjectKnobs;
 use crate::scene::world::World;
 use crate::trace::TreeQuality;
-use prelight_manifests::SceneManifest;
-use prelight_manifests::quality::BvhBuild;
+use crate::vmf_transfer::transfer::{MOST_PATHS, TransferOptions};
+use prelight_manifests::quality::{BvhBuild, Quality};
+use prelight_manifests::{SceneManifest, Technique};
 
 /// Everything resolved.
 #[derive(Clone, Debug)]
@@ -62,6 +65,8 @@ impl Settings {
             points: objects.iter().map(own).collect(),
             face_resolution: knobs.face_resolution,
             tree,
+            transfer: objects.iter().map(|object| transfer(object, manifest.bake.quality)).collect(),
+            bounces: manifest.bake.bounces.unwrap_or(1),
             memory,
             shuffle_shards: None,
             rebake: RebakeOptions { layers: objects.iter().map(|object| object.layer).collect(), ..RebakeOptions::default() },
@@ -70,4 +75,32 @@ impl Settings {
         let points = count_points(scene, world, &options.points, known)?;
         Ok(Settings { options, edge_length, derived: pinned.is_none(), points })
     }
+}
+
+/// Error of a slice, relative to the largest of its point, for each unit of error of radiance: light is gathered over whole slices, where
+/// most of it cancels.
+const SLICE_ERROR: f64 = 5.0;
+/// The same for the difference of slices at the ends of an edge: half way between them a quarter of it is left.
+const EDGE_ERROR: f64 = 25.0;
+/// The same for slices that their neighbours stand for.
+const THIN_ERROR: f64 = 2.5;
+/// Norm of a slice below which it needs no accuracy of its own, sr^-½: two hundredths of a wide lobe.
+const SLICE_FLOOR: f64 = 0.02;
+
+/// How an object's indirect light is baked, if its technique has any.
+fn transfer(object: &ObjectKnobs, quality: Quality) -> Option<TransferOptions> {
+    let max = match quality {
+        Quality::Draft => 3,
+        Quality::Medium => 4,
+        Quality::High => 5,
+    };
+    let error = object.knobs.max_error;
+    let views = ViewOptions { start: 1, max, budget: SLICE_ERROR * error, floor: SLICE_FLOOR };
+    let mesh = MeshOptions { budget: EDGE_ERROR * error, floor: SLICE_FLOOR };
+    (object.technique == Technique::VmfTransfer).then_some(TransferOptions {
+        views,
+        mesh,
+        thin: THIN_ERROR * error,
+        most_paths: MOST_PATHS,
+    })
 }

@@ -381,6 +381,7 @@ fn asset(name: &str, n: u8, seed: u8) -> prelight_manifests::AssetManifest {
         points: chunk(ChunkKind::Points, seed + 3 * k),
         surface: chunk(ChunkKind::Surface, seed + 3 * k + 1),
         visibility: chunk(ChunkKind::Visibility, seed + 3 * k + 2),
+        transfer: None,
     };
     let object = AssetObject {
         name: name.into(),

@@ -82,6 +82,8 @@ fn options(scene: &Scene) -> BakeOptions {
         face_resolution: 64,
         tree: TreeQuality::Fast,
         memory: 1 << 30,
+        transfer: Vec::new(),
+        bounces: 1,
         shuffle_shards: None,
         rebake: RebakeOptions::default(),
     }

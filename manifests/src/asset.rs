@@ -82,6 +82,9 @@ pub struct AssetPatch {
     pub surface: Descriptor,
     /// What the points see.
     pub visibility: Descriptor,
+    /// What reaches them over other surfaces; `vmf_transfer` only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub transfer: Option<Descriptor>,
 }
 
 impl AssetContent {
@@ -94,7 +97,10 @@ impl AssetContent {
     pub fn descriptors(&self) -> impl Iterator<Item = &Descriptor> {
         let scene = [&self.materials, &self.cameras, &self.names].into_iter().chain(&self.textures).chain(&self.brdfs);
         let objects = self.objects.iter().flat_map(|object| {
-            let patches = object.patches.iter().flat_map(|patch| [&patch.points, &patch.surface, &patch.visibility]);
+            let patches = object
+                .patches
+                .iter()
+                .flat_map(|patch| [&patch.points, &patch.surface, &patch.visibility].into_iter().chain(&patch.transfer));
             [&object.base, &object.mesh].into_iter().chain(patches)
         });
         scene.chain(objects)
@@ -186,6 +192,13 @@ impl AssetManifest {
                 kind(at("points"), &patch.points, ChunkKind::Points)?;
                 kind(at("surface"), &patch.surface, ChunkKind::Surface)?;
                 kind(at("visibility"), &patch.visibility, ChunkKind::Visibility)?;
+                if let Some(transfer) = &patch.transfer {
+                    kind(at("transfer"), transfer, ChunkKind::Transfer)?;
+                }
+                if patch.transfer.is_some() != (object.technique == crate::Technique::VmfTransfer.name()) {
+                    let expected = "a chunk where the technique is vmf_transfer, and none elsewhere";
+                    return Err(range(at("transfer"), patch.transfer.is_some().to_string(), expected));
+                }
             }
             let sum: u64 = object.patches.iter().map(|patch| u64::from(patch.n_points)).sum();
             if sum != u64::from(object.n_points) {

@@ -13,6 +13,8 @@ pub enum ChunkKind {
     Surface,
     /// Which texels each point of one patch sees.
     Visibility,
+    /// Light that reaches each point of one patch over other surfaces.
+    Transfer,
     /// Refined triangle mesh of one object.
     Mesh,
     /// Materials of the asset, JSON.

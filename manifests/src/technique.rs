@@ -12,17 +12,20 @@ pub enum Technique {
     Auto,
     /// Visibility in blocks of directions times light and surface, \[IFL\].
     BlockProduct,
+    /// The same for direct light, and one bounce of indirect light in von Mises–Fisher lobes, \[LD09\].
+    VmfTransfer,
 }
 
 impl Technique {
     /// Every name that an asset may carry.
-    pub const BUILT_IN: &'static [&'static str] = &["block_product"];
+    pub const BUILT_IN: &'static [&'static str] = &["block_product", "vmf_transfer"];
 
     /// As written in manifests.
     pub fn name(self) -> &'static str {
         match self {
             Technique::Auto => "auto",
             Technique::BlockProduct => "block_product",
+            Technique::VmfTransfer => "vmf_transfer",
         }
     }
 
@@ -30,6 +33,7 @@ impl Technique {
     pub fn resolved(self) -> Technique {
         match self {
             Technique::Auto | Technique::BlockProduct => Technique::BlockProduct,
+            Technique::VmfTransfer => Technique::VmfTransfer,
         }
     }
 }
@@ -40,7 +44,7 @@ mod tests {
 
     #[test]
     fn names_agree_with_serde_and_resolve_to_what_is_built_in() {
-        for technique in [Technique::Auto, Technique::BlockProduct] {
+        for technique in [Technique::Auto, Technique::BlockProduct, Technique::VmfTransfer] {
             assert_eq!(serde_json::to_value(technique).unwrap(), technique.name());
             assert!(Technique::BUILT_IN.contains(&technique.resolved().name()));
         }

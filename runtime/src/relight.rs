@@ -11,8 +11,10 @@
 //! # Ok(()) }
 //! ```
 //!
-//! [`Relighter::set_light`] and [`Relighter::shade`] do not allocate. Diffuse light is computed once per light and patch, and kept while
-//! only the view moves; glossy light follows the eye, to an [`Accuracy`]. [`Relighter::set_material`] changes a surface without a bake.
+//! An asset with transfer gets its indirect light on top of the exact direct light ([`Relighter::set_indirect`] turns that off); preparing a
+//! light then also filters it ([`crate::vmf_transfer::light`]). Without transfer, [`Relighter::set_light`] does not allocate after its first
+//! call; [`Relighter::shade`] never does. Diffuse light is computed once per light and patch, and kept while only the view moves; glossy
+//! light follows the eye, to an [`Accuracy`]. [`Relighter::set_material`] changes a surface without a bake.
 
 use crate::asset::mesh::Mesh;
 use crate::asset::points::PATCH_POINTS;
@@ -29,13 +31,18 @@ use crate::draw::raster::Visibility;
 use crate::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use crate::environment::LightCubemap;
 use crate::error::RuntimeError;
-use crate::surface::detail::{Detail, fill_details, has_detail};
-use crate::surface::{AlphaMode, Material, Model, SurfaceSample};
+use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
+use crate::surface::detail::{Detail, fill_details, has_detail, point_lobe};
+use crate::surface::{AlphaMode, Material, Model};
+use crate::vmf_transfer::FilteredLight;
+use crate::vmf_transfer::shade::{add_glossy, add_irradiance};
 
 /// Buffers for the light at every point of an asset.
 pub struct Relighter<'a> {
     asset: &'a Asset,
     light: Option<Light>,
+    /// Only where the asset has transfer.
+    indirect: Option<Indirect>,
     /// `[points][channel][axis]` vector irradiance, W·m⁻².
     irradiance: Vec<[[f32; 3]; 3]>,
     /// `[points]` glossy radiance in two terms.
@@ -88,13 +95,7 @@ impl Surfaces<'_> {
     fn lobe<'b>(&'b self, surfaces: &PointSurfaces, i: usize, point: usize) -> PointLobe<'b> {
         let index = surfaces.material[i] as usize;
         let (material, detail) = (&self.materials[index], self.details.get(point).copied().unwrap_or_default());
-        let lobe = if material.unlit {
-            Lobe::None
-        } else {
-            let roughness = self.roughness(index, surfaces.roughness[i]);
-            SurfaceSample { roughness, anisotropy: detail.anisotropy, model: material.model, ..SurfaceSample::default() }.lobe(&self.tables)
-        };
-        PointLobe { lobe, normal: surfaces.normal[i], tangent: detail.tangent }
+        point_lobe(material, self.roughness(index, surfaces.roughness[i]), surfaces.normal[i], &detail, &self.tables)
     }
 
     /// The same for the clear coat.
@@ -106,11 +107,25 @@ impl Surfaces<'_> {
     }
 }
 
+/// What indirect light needs besides the chunks.
+struct Indirect {
+    solid: Icosahedron,
+    light: Option<FilteredLight>,
+    is_on: bool,
+}
+
+impl Indirect {
+    fn light(&self) -> Option<(&Icosahedron, &FilteredLight)> {
+        self.light.as_ref().filter(|_| self.is_on).map(|light| (&self.solid, light))
+    }
+}
+
 /// A run of patches and its part of every buffer.
 struct Work<'a> {
     light: &'a Light,
     surfaces: &'a Surfaces<'a>,
     accuracy: Accuracy,
+    indirect: Option<(&'a Icosahedron, &'a FilteredLight)>,
     eye: [f32; 3],
     wanted: Option<&'a [bool]>,
     patches: &'a [AssetPatch],
@@ -136,10 +151,10 @@ impl Work<'_> {
         let (irradiance, later_irradiance) = self.irradiance.split_at_mut(points);
         let (glossy, later_glossy) = self.glossy.split_at_mut(points);
         let (coat, later_coat) = self.coat.split_at_mut(points.min(self.coat.len()));
-        let Work { light, surfaces, accuracy, eye, wanted, .. } = self;
-        let first = Work { light, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat };
+        let Work { light, indirect, surfaces, accuracy, eye, wanted, .. } = self;
+        let first = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat };
         let (patches, is_lit, irradiance, glossy, coat) = (later_patches, later_is_lit, later_irradiance, later_glossy, later_coat);
-        let later = Work { light, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat };
+        let later = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat };
         let (a, b) = join(|| first.run(), || later.run());
         a + b
     }
@@ -153,13 +168,21 @@ impl Work<'_> {
             }
             let range = patch.points.start - start..patch.points.end - start;
             let visibility = patch.visibility();
+            let transfer = self.indirect.zip(patch.transfer());
             if !std::mem::replace(is_lit, true) {
-                shade_diffuse(self.light, &visibility, &mut self.irradiance[range.clone()]);
+                let irradiance = &mut self.irradiance[range.clone()];
+                shade_diffuse(self.light, &visibility, irradiance);
+                if let Some(((_, light), transfer)) = &transfer {
+                    add_irradiance(light, transfer, patch.points().normal, irradiance);
+                }
             }
             let (position, averages, first) = (patch.points().position, patch.surfaces(), patch.points.start);
             let (path, surfaces) = (SimdPath::detect(), self.surfaces);
             let lobe = |i: usize| surfaces.lobe(&averages, i, first + i);
             shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, self.eye, &mut self.glossy[range.clone()]);
+            if let Some(((solid, light), transfer)) = &transfer {
+                add_glossy(light, solid, transfer, position, averages.normal, self.eye, &mut self.glossy[range.clone()]);
+            }
             let is_coated = |material: &u32| surfaces.materials[*material as usize].clearcoat > 0.0;
             if !self.coat.is_empty() && averages.material.iter().any(is_coated) {
                 let mut terms = [Glossy::default(); PATCH_POINTS];
@@ -194,11 +217,13 @@ pub struct View {
 impl<'a> Relighter<'a> {
     /// Buffers for all points: 80 bytes each.
     pub fn new(asset: &'a Asset) -> Self {
+        let has_transfer = asset.patches.iter().any(|patch| patch.transfer().is_some());
         let mut flags = Vec::with_capacity(asset.n_points());
         asset.patches.iter().for_each(|patch| flags.extend_from_slice(patch.points().flags));
         let mut relighter = Relighter {
             asset,
             light: None,
+            indirect: has_transfer.then(|| Indirect { solid: Icosahedron::new(MAX_LEVEL), light: None, is_on: true }),
             coat: Vec::new(),
             surfaces: Surfaces {
                 materials: asset.materials().to_vec(),
@@ -310,6 +335,9 @@ impl<'a> Relighter<'a> {
             Some(prepared) => prepared.update(light),
             None => self.light = Some(Light::prepare(light)),
         }
+        if let Some(indirect) = &mut self.indirect {
+            indirect.light = Some(FilteredLight::prepare(light));
+        }
         self.is_lit.fill(false);
         self.cubemap = None;
     }
@@ -339,6 +367,15 @@ impl<'a> Relighter<'a> {
         }
     }
 
+    /// Whether light that came over other surfaces is added; on from the start, and without effect where none was baked.
+    pub fn set_indirect(&mut self, is_on: bool) {
+        if let Some(indirect) = &mut self.indirect
+            && std::mem::replace(&mut indirect.is_on, is_on) != is_on
+        {
+            self.is_lit.fill(false);
+        }
+    }
+
     /// Computes the light at points for an eye: of the patches that hold a wanted point, or of all. Returns how many points that were.
     ///
     /// Panics before the first [`Relighter::set_light`], or when `wanted` has not one element per point.
@@ -347,9 +384,10 @@ impl<'a> Relighter<'a> {
         assert!(wanted.is_none_or(|wanted| wanted.len() == self.irradiance.len()), "one flag per point");
         let asset = self.asset;
         let (irradiance, glossy) = (&mut self.irradiance[..], &mut self.glossy[..]);
+        let indirect = self.indirect.as_ref().and_then(Indirect::light);
         let (surfaces, accuracy, coat) = (&self.surfaces, self.accuracy, &mut self.coat[..]);
         let is_lit = &mut self.is_lit[..];
-        Work { light, surfaces, accuracy, eye, wanted, patches: &asset.patches, is_lit, irradiance, glossy, coat }.run()
+        Work { light, indirect, surfaces, accuracy, eye, wanted, patches: &asset.patches, is_lit, irradiance, glossy, coat }.run()
     }
 
     /// `[points][channel][axis]` vector irradiance of the points shaded last, W·m⁻².

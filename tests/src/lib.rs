@@ -106,6 +106,8 @@ pub fn options(scene: &Scene, edge_length: f32) -> BakeOptions {
         face_resolution: 64,
         tree: TreeQuality::Medium,
         memory: 4 << 30,
+        transfer: Vec::new(),
+        bounces: 1,
         shuffle_shards: None,
         rebake: Default::default(),
     }

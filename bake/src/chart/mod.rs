@@ -16,10 +16,12 @@
 //! | [`row`] | a line of the table, CSV, JSON, Pareto fronts |
 //! | [`svg`], [`page`] | what people look at |
 //! | [`paper`] | the tables and figures of \[IFL\] |
+//! | [`glossy`] | the tables and figures of \[LD09\] |
 //!
 //! Nothing here is tuned on a scene: budgets are fixed. Views marked held back are none that a default or a threshold was ever set with.
 
 mod clock;
+pub mod glossy;
 pub mod measure;
 pub mod page;
 pub mod paper;

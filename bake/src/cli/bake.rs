@@ -170,6 +170,17 @@ fn summary(baked: &Baked, loaded: &Loaded, asset: &Path, store: &Path, read_seco
         .set("bytes.resident", stats.bytes_resident)
         .set("seconds.total", start.elapsed().as_secs_f64())
         .set("seconds.read", read_seconds);
+    if stats.transfer.rays > 0 || loaded.settings.options.transfer.iter().any(Option::is_some) {
+        let transfer = &stats.transfer;
+        summary
+            .set("transfer.patches_traced", transfer.patches_traced)
+            .set("transfer.points_lit", transfer.lit_points)
+            .set("transfer.rays", transfer.rays)
+            .set("transfer.slices", transfer.slices)
+            .set("transfer.lobes", transfer.lobes)
+            .set("transfer.levels", transfer.levels.to_vec())
+            .set("transfer.noise_limited", transfer.noise_limited);
+    }
     for (stage, seconds) in &stats.seconds {
         summary.set(&format!("seconds.{stage}"), *seconds);
     }

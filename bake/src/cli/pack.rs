@@ -56,7 +56,9 @@ pub fn run(args: PackArgs, context: &Context) -> Result<Summary, Failure> {
 /// What shading and drawing read lies as it is read; what is looked at once, or never by an app, is compressed where that pays.
 fn form(kind: ChunkKind) -> FormChoice {
     match kind {
-        ChunkKind::Points | ChunkKind::Surface | ChunkKind::Visibility | ChunkKind::Mesh | ChunkKind::Texture => FormChoice::Raw,
+        ChunkKind::Points | ChunkKind::Surface | ChunkKind::Visibility | ChunkKind::Transfer | ChunkKind::Mesh | ChunkKind::Texture => {
+            FormChoice::Raw
+        }
         _ => FormChoice::Auto,
     }
 }

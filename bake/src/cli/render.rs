@@ -134,6 +134,8 @@ pub fn relight<'a>(asset: &'a Asset, environment: &Environment, picture: &Pictur
     let clock = Instant::now();
     let (light, energy) = LightCubemap::from_environment(environment, asset.manifest().content.face_resolution as usize);
     let mut relighter = Relighter::new(asset);
+    // Clay has its own bounces, which nobody baked.
+    relighter.set_indirect(!picture.clay);
     relighter.set_light(&light);
     summary.set("seconds.prepare", clock.elapsed().as_secs_f64());
     summary.set("energy.before", energy.before.to_vec()).set("energy.after", energy.after.to_vec());

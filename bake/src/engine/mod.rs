@@ -4,3 +4,4 @@ pub mod bits;
 pub mod object;
 pub mod patch;
 pub mod threads;
+pub mod transfer;

@@ -135,7 +135,7 @@ fn parse(record: Record) -> Option<Parsed> {
         if kinds != [ChunkKind::Points, ChunkKind::Surface, ChunkKind::Visibility] || !(1..=256).contains(&n_points) {
             return None;
         }
-        patches.push(AssetPatch { n_points, points, surface, visibility });
+        patches.push(AssetPatch { n_points, points, surface, visibility, transfer: None });
     }
     let count = |k: usize| u32::from_le_bytes(std::array::from_fn(|i| counts[4 * k + i]));
     let counts = ObjectCounts { triangles: count(0), buried: count(1), split: count(2), live: count(3) };

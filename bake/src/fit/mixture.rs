@@ -54,8 +54,41 @@ struct Mixture {
     responsibility: Vec<f64>,
 }
 
+/// How hard to look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Effort {
+    /// Starts, the best of which is kept.
+    pub starts: u64,
+    /// Samples that lobes are looked for in, from the front; all of them count in the last step, so weights stay exact.
+    pub samples: usize,
+}
+
+impl Effort {
+    /// Everything.
+    pub const FULL: Effort = Effort { starts: RESTARTS, samples: usize::MAX };
+}
+
 /// Up to `n_lobes` lobes of `samples`, of which `generated` were drawn in all. Fewer where the samples do not carry them; none without samples.
-pub fn fit_mixture(samples: &[PathSample], generated: u64, n_lobes: usize, seed: u64) -> Vec<FittedLobe> {
+pub fn fit_mixture(samples: &[PathSample], generated: u64, n_lobes: usize, seed: u64, effort: Effort) -> Vec<FittedLobe> {
+    let part = &samples[..effort.samples.min(samples.len())];
+    let fitted = fit_part(part, generated, n_lobes, seed, effort.starts);
+    if part.len() == samples.len() {
+        return fitted;
+    }
+    if fitted.len() < 2 {
+        return vec![fit_lobe(samples, generated)];
+    }
+    let weights: Vec<f64> = samples.iter().map(|s| f64::from(luminance(s.weight))).collect();
+    let total = weights.iter().sum();
+    let all: f64 = fitted.iter().map(|f| f64::from(luminance(f.lobe.weight))).sum();
+    let share = fitted.iter().map(|f| f64::from(luminance(f.lobe.weight)) / all).collect();
+    let mut mixture = Mixture { responsibility: vec![0.0; samples.len() * fitted.len()], components: fitted, share };
+    mixture.expect(samples, &weights, total);
+    mixture.maximise(samples, &weights, total, generated as f64);
+    mixture.components
+}
+
+fn fit_part(samples: &[PathSample], generated: u64, n_lobes: usize, seed: u64, starts: u64) -> Vec<FittedLobe> {
     let single = fit_lobe(samples, generated);
     let n_lobes = n_lobes.min((single.effective_samples / LEAST_MASS) as usize);
     if samples.is_empty() {
@@ -67,7 +100,7 @@ pub fn fit_mixture(samples: &[PathSample], generated: u64, n_lobes: usize, seed:
     let weights: Vec<f64> = samples.iter().map(|s| f64::from(luminance(s.weight))).collect();
     let total: f64 = weights.iter().sum();
     let mut best: Option<(f64, Vec<FittedLobe>)> = None;
-    for restart in 0..RESTARTS {
+    for restart in 0..starts.max(1) {
         let (likelihood, components) = run(samples, &weights, total, generated as f64, n_lobes, seed.wrapping_add(restart));
         if best.as_ref().is_none_or(|(least, _)| likelihood > *least) {
             best = Some((likelihood, components));
@@ -238,7 +271,7 @@ mod tests {
             let mut errors: Vec<f64> = (0..5)
                 .map(|run| {
                     let (samples, truth) = two_lobes(separation, m, 1000 + run);
-                    distance(&lobes(&fit_mixture(&samples, m, 2, run)), &truth) / norm(&truth)
+                    distance(&lobes(&fit_mixture(&samples, m, 2, run, Effort::FULL)), &truth) / norm(&truth)
                 })
                 .collect();
             errors.sort_by(f64::total_cmp);
@@ -251,7 +284,7 @@ mod tests {
         for run in 0..20 {
             let (samples, _) = two_lobes(0.6, 12, run);
             for n_lobes in [1, 2, 3, 20] {
-                let fitted = fit_mixture(&samples, 12, n_lobes, run);
+                let fitted = fit_mixture(&samples, 12, n_lobes, run, Effort::FULL);
                 assert!(!fitted.is_empty() && fitted.len() <= n_lobes);
                 assert!(fitted.iter().all(|f| f.lobe.kappa.is_finite() && f64::from(f.lobe.kappa) < 1000.0), "{fitted:?}");
             }
@@ -263,7 +296,7 @@ mod tests {
         let mut errors: Vec<f64> = (0..9)
             .map(|run| {
                 let (samples, truth) = two_lobes(0.6, 1000, run);
-                distance(&lobes(&fit_mixture(&samples, 1000, 3, run)), &truth) / norm(&truth)
+                distance(&lobes(&fit_mixture(&samples, 1000, 3, run, Effort::FULL)), &truth) / norm(&truth)
             })
             .collect();
         errors.sort_by(f64::total_cmp);
@@ -279,7 +312,7 @@ mod tests {
             .for_each(|(i, s)| s.weight = [1.0, 0.5 + (i % 3) as f32, if i.is_multiple_of(7) { 2.0 } else { 0.0 }]);
         let truth = fit_lobe(&samples, 800).lobe.weight;
         for n_lobes in 1..=4 {
-            let fitted = fit_mixture(&samples, 800, n_lobes, 1);
+            let fitted = fit_mixture(&samples, 800, n_lobes, 1, Effort::FULL);
             for c in 0..3 {
                 let sum: f32 = fitted.iter().map(|f| f.lobe.weight[c]).sum();
                 assert!((sum - truth[c]).abs() < 1e-5 * truth[c], "{n_lobes} {c}");
@@ -288,13 +321,22 @@ mod tests {
     }
 
     #[test]
+    fn a_part_of_the_samples_finds_the_lobes_and_all_of_them_weigh() {
+        let (samples, truth) = two_lobes(0.8, 4000, 3);
+        let fitted = fit_mixture(&samples, 4000, 2, 1, Effort { starts: 1, samples: 384 });
+        let sum: f32 = fitted.iter().map(|f| f.lobe.weight[0]).sum();
+        assert!((sum - 1.0).abs() < 1e-5, "{sum}");
+        assert!(distance(&lobes(&fitted), &truth) / norm(&truth) < 0.1, "{fitted:?}");
+    }
+
+    #[test]
     fn equal_samples_and_none_are_fine() {
-        assert!(fit_mixture(&[], 10, 3, 0).is_empty());
+        assert!(fit_mixture(&[], 10, 3, 0, Effort::FULL).is_empty());
         let equal = vec![PathSample { direction: [0.0, 1.0, 0.0], weight: [0.5; 3] }; 100];
-        let fitted = fit_mixture(&equal, 100, 3, 0);
+        let fitted = fit_mixture(&equal, 100, 3, 0, Effort::FULL);
         let sum: f32 = fitted.iter().map(|f| f.lobe.weight[0]).sum();
         assert!((sum - 0.5).abs() < 1e-6 && fitted.iter().all(|f| f64::from(f.lobe.kappa) <= KAPPA_MAX), "{fitted:?}");
         let dark = vec![PathSample { direction: [0.0, 1.0, 0.0], weight: [0.0; 3] }; 100];
-        assert_eq!(fit_mixture(&dark, 100, 3, 0)[0].lobe.weight, [0.0; 3]);
+        assert_eq!(fit_mixture(&dark, 100, 3, 0, Effort::FULL)[0].lobe.weight, [0.0; 3]);
     }
 }

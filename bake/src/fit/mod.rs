@@ -4,8 +4,10 @@
 //! |---|---|
 //! | [`vmf`] | one lobe from weighted directions, in closed form |
 //! | [`mixture`] | several lobes from weighted directions, by soft expectation maximisation |
+//! | [`thin`] | which slices need not be stored |
 //! | [`mod@slice`] | lobes of a BRDF's slice in the least-squares sense |
 
 pub mod mixture;
 pub mod slice;
+pub mod thin;
 pub mod vmf;

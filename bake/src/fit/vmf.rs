@@ -6,7 +6,7 @@
 //! κ   = A⁻¹(R) · (M_eff − 2) / M_eff                       M_eff = (Σ w)² / Σ w²
 //! ```
 //!
-//! 1 − R is computed as V / (1 + R) with V the mean of |s_i − n|², so that narrow lobes keep their width. The closed form of print is 5 %
+//! 1 − R is computed as V / (1 + R) with V = Σ w |s|² / Σ w − |n|² in f64, good to 10⁻¹⁵, so that narrow lobes keep their width. The closed form of print is 5 %
 //! too wide or narrow at worst; Newton steps and the factor for finite samples leave no bias that can be measured from M_eff = 10 on.
 //! κ ends at [`KAPPA_MAX`]: one sample, or equal ones, say nothing about width. Source: \[LD09\] Eq. 13 to 15, errata 5 and 6.
 
@@ -32,36 +32,55 @@ pub struct FittedLobe {
     pub effective_samples: f64,
 }
 
-/// Sums from which a lobe is read; `share` scales each sample's part in it.
+/// Sums from which a lobe is read; samples may come one by one.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct LobeSums {
+    weight: [f64; 3],
+    mass: f64,
+    squares: f64,
+    mean: [f64; 3],
+    /// Σ w |s|²: directions of f32 are not quite unit, which narrow lobes would see.
+    lengths: f64,
+}
+
+impl LobeSums {
+    /// Adds a `share` of a path.
+    #[inline]
+    pub fn add(&mut self, direction: [f32; 3], weight: [f32; 3], share: f64) {
+        let w = share * f64::from(luminance(weight));
+        let s = direction.map(f64::from);
+        for c in 0..3 {
+            self.weight[c] += share * f64::from(weight[c]);
+            self.mean[c] += w * s[c];
+        }
+        self.mass += w;
+        self.squares += w * w;
+        self.lengths += w * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]);
+    }
+
+    /// The lobe, with `generated` paths in all.
+    pub fn finish(&self, generated: f64) -> FittedLobe {
+        let weight = self.weight.map(|sum| (sum / generated.max(1.0)) as f32);
+        if self.mass <= 0.0 || self.squares <= 0.0 {
+            return FittedLobe { lobe: Lobe { weight, mu: [0.0, 0.0, 1.0], kappa: 0.0 }, effective_samples: 0.0 };
+        }
+        let mean = self.mean.map(|sum| sum / self.mass);
+        let squared = mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2];
+        let spread = (self.lengths / self.mass - squared).max(0.0);
+        let r = squared.sqrt();
+        // R = 0 has no direction: any will do for the uniform lobe.
+        let mu = if r > 1e-12 { mean.map(|c| (c / r) as f32) } else { [0.0, 0.0, 1.0] };
+        let effective = self.mass * self.mass / self.squares;
+        let kappa = kappa_from_spread(spread / (1.0 + r)) * ((effective - 2.0).max(1.0) / effective).min(1.0);
+        FittedLobe { lobe: Lobe { weight, mu, kappa: kappa.min(KAPPA_MAX) as f32 }, effective_samples: effective }
+    }
+}
+
+/// The lobe of samples of which `shares` belong to it.
 pub(super) fn fit_weighted(samples: &[PathSample], shares: impl Fn(usize) -> f64, generated: f64) -> FittedLobe {
-    let mut weight = [0.0f64; 3];
-    let (mut mass, mut squares, mut mean) = (0.0f64, 0.0f64, [0.0f64; 3]);
-    for (i, sample) in samples.iter().enumerate() {
-        let share = shares(i);
-        let w = share * f64::from(luminance(sample.weight));
-        (0..3).for_each(|c| weight[c] += share * f64::from(sample.weight[c]));
-        (0..3).for_each(|k| mean[k] += w * f64::from(sample.direction[k]));
-        mass += w;
-        squares += w * w;
-    }
-    let weight = weight.map(|sum| (sum / generated.max(1.0)) as f32);
-    if mass <= 0.0 || squares <= 0.0 {
-        return FittedLobe { lobe: Lobe { weight, mu: [0.0, 0.0, 1.0], kappa: 0.0 }, effective_samples: 0.0 };
-    }
-    let mean = mean.map(|sum| sum / mass);
-    let spread: f64 = (samples.iter().enumerate())
-        .map(|(i, sample)| {
-            let d: [f64; 3] = std::array::from_fn(|k| f64::from(sample.direction[k]) - mean[k]);
-            shares(i) * f64::from(luminance(sample.weight)) * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        })
-        .sum::<f64>()
-        / mass;
-    let r = (mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]).sqrt();
-    // R = 0 has no direction: any will do for the uniform lobe.
-    let mu = if r > 1e-12 { mean.map(|c| (c / r) as f32) } else { [0.0, 0.0, 1.0] };
-    let effective = mass * mass / squares;
-    let kappa = kappa_from_spread(spread / (1.0 + r)) * ((effective - 2.0).max(1.0) / effective).min(1.0);
-    FittedLobe { lobe: Lobe { weight, mu, kappa: kappa.min(KAPPA_MAX) as f32 }, effective_samples: effective }
+    let mut sums = LobeSums::default();
+    samples.iter().enumerate().for_each(|(i, sample)| sums.add(sample.direction, sample.weight, shares(i)));
+    sums.finish(generated)
 }
 
 /// The lobe of `samples`, of which `generated` were drawn in all (absorbed, blocked and missing ones included).

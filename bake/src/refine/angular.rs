@@ -1,7 +1,7 @@
 //! How many directions of view a point needs: level by level on the icosahedron, until interpolation predicts what is computed.
 //!
 //! ```text
-//! error(n) = √(mean D²(predicted by level n, computed at the new corners of level n + 1)) / (largest norm at the point + floor)
+//! error(n) = √(Σ D²(predicted by level n, computed) / Σ (N² + floor²))       over the new corners of level n + 1, N the computed slice's norm
 //! ```
 //!
 //! Level n is kept as soon as error(n) is within the budget, or within 2·√(3 / M_eff), where two independent fits of the same slice differ as
@@ -19,6 +19,8 @@ use prelight_runtime::vmf_transfer::transfer::SLICE_LOBES;
 pub struct Slice {
     /// One lobe a class.
     pub lobes: [Lobe; SLICE_LOBES],
+    /// The second Schlick term of each lobe in units of the first.
+    pub grazing: [f32; SLICE_LOBES],
     /// Effective samples behind them.
     pub effective_samples: f64,
 }
@@ -47,8 +49,23 @@ pub enum Stop {
     Level,
 }
 
-/// The level to keep, and its slices in the order of [`Icosahedron::stored`].
-pub fn refine_views(solid: &Icosahedron, options: &ViewOptions, mut slice: impl FnMut(u32) -> Slice) -> (usize, Vec<Slice>, Stop) {
+/// What to keep of a point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Views {
+    /// Level of the icosahedron.
+    pub level: usize,
+    /// In the order of [`Icosahedron::stored`].
+    pub slices: Vec<Slice>,
+    /// Why no finer level.
+    pub stop: Stop,
+    /// Largest norm of a slice, sr^-½.
+    pub largest: f64,
+    /// 2·√(3 / M_eff), M_eff the median of the slices that carry light; 0 without.
+    pub noise: f64,
+}
+
+/// Computes slices until there are enough.
+pub fn refine_views(solid: &Icosahedron, options: &ViewOptions, mut slice: impl FnMut(u32) -> Slice) -> Views {
     let mut known: Vec<Option<Slice>> = vec![None; solid.corners.len()];
     let mut at = |corner: u32| *known[corner as usize].get_or_insert_with(|| slice(corner));
     let mut level = options.start;
@@ -57,8 +74,8 @@ pub fn refine_views(solid: &Icosahedron, options: &ViewOptions, mut slice: impl 
         if level >= options.max {
             break Stop::Level;
         }
-        let (mut squares, mut count, mut effective) = (0.0, 0.0, Vec::new());
-        let mut largest = own.iter().map(norm).fold(0.0, f64::max);
+        let (mut squares, mut norms) = (0.0, 0.0);
+        let mut asked = own.clone();
         let known_corners = 10 * (1 << (2 * level)) + 2;
         for corner in solid.stored(level + 1).iter().filter(|corner| **corner >= known_corners) {
             let direction = solid.corners[*corner as usize];
@@ -71,25 +88,27 @@ pub fn refine_views(solid: &Icosahedron, options: &ViewOptions, mut slice: impl 
                 let predicted = blend(found.places.map(|place| own[place].lobes[slot]), found.weights);
                 squares += distance(predicted.lobes(), &[computed.lobes[slot]]).powi(2);
             }
-            count += 1.0;
-            largest = largest.max(norm(&computed));
-            if computed.effective_samples > 0.0 {
-                effective.push(computed.effective_samples);
-            }
+            norms += norm(&computed).powi(2) + options.floor.powi(2);
+            asked.push(computed);
         }
-        let error = (squares / f64::max(count, 1.0)).sqrt() / (largest + options.floor);
-        effective.sort_by(f64::total_cmp);
-        let noise = effective.get(effective.len() / 2).map_or(0.0, |m| 2.0 * (3.0 / m).sqrt());
+        let error = if squares > 0.0 { (squares / norms).sqrt() } else { 0.0 };
         if error <= options.budget {
             break Stop::Predicted;
         }
-        if error <= noise * (largest / (largest + options.floor)) {
+        if error <= noise(&asked) {
             break Stop::Noise;
         }
         level += 1;
     };
-    let slices = solid.stored(level).iter().map(|corner| at(*corner)).collect();
-    (level, slices, stop)
+    let slices: Vec<Slice> = solid.stored(level).iter().map(|corner| at(*corner)).collect();
+    let (largest, noise) = (slices.iter().map(norm).fold(0.0, f64::max), noise(&slices));
+    Views { level, slices, stop, largest, noise }
+}
+
+fn noise(slices: &[Slice]) -> f64 {
+    let mut effective: Vec<f64> = slices.iter().map(|slice| slice.effective_samples).filter(|samples| *samples > 0.0).collect();
+    effective.sort_by(f64::total_cmp);
+    effective.get(effective.len() / 2).map_or(0.0, |m| 2.0 * (3.0 / m).sqrt())
 }
 
 fn norm(slice: &Slice) -> f64 {
@@ -111,7 +130,11 @@ mod tests {
         let mu = [-v[0] + sway(0) as f32, -v[1] + sway(1) as f32, v[2].max(0.0)];
         let length = mu.iter().map(|c| c * c).sum::<f32>().sqrt();
         let lobe = Lobe { weight: [0.5; 3], mu: mu.map(|c| c / length), kappa };
-        Slice { lobes: [lobe, Lobe { weight: [0.0; 3], mu: [0.0, 0.0, 1.0], kappa: 0.0 }], effective_samples: samples }
+        Slice {
+            lobes: [lobe, Lobe { weight: [0.0; 3], mu: [0.0, 0.0, 1.0], kappa: 0.0 }],
+            grazing: [0.0; SLICE_LOBES],
+            effective_samples: samples,
+        }
     }
 
     fn options(budget: f64) -> ViewOptions {
@@ -122,16 +145,16 @@ mod tests {
     fn sharper_surfaces_need_more_directions() {
         let solid = Icosahedron::new(4);
         let levels: Vec<usize> =
-            [1.0, 16.0, 256.0].map(|kappa| refine_views(&solid, &options(0.1), |c| mirror(&solid, c, kappa, f64::INFINITY)).0).to_vec();
+            [1.0, 16.0, 256.0].map(|kappa| refine_views(&solid, &options(0.1), |c| mirror(&solid, c, kappa, f64::INFINITY)).level).to_vec();
         assert!(levels[0] < levels[2] && levels.is_sorted(), "{levels:?}");
-        let finer = refine_views(&solid, &options(0.02), |c| mirror(&solid, c, 256.0, f64::INFINITY)).0;
+        let finer = refine_views(&solid, &options(0.02), |c| mirror(&solid, c, 256.0, f64::INFINITY)).level;
         assert!(finer >= levels[2]);
     }
 
     #[test]
     fn noise_is_not_refined() {
         let solid = Icosahedron::new(4);
-        let (level, slices, stop) = refine_views(&solid, &options(0.01), |c| mirror(&solid, c, 4.0, 30.0));
+        let Views { level, slices, stop, .. } = refine_views(&solid, &options(0.01), |c| mirror(&solid, c, 4.0, 30.0));
         assert_eq!(stop, Stop::Noise);
         assert!(level < 4 && slices.len() == solid.stored(level).len(), "{level}");
     }
@@ -139,10 +162,10 @@ mod tests {
     #[test]
     fn dark_points_stay_coarse_and_the_last_level_ends_it() {
         let solid = Icosahedron::new(3);
-        let (level, slices, stop) = refine_views(&solid, &options(0.1), |_| Slice::default());
+        let Views { level, slices, stop, .. } = refine_views(&solid, &options(0.1), |_| Slice::default());
         assert_eq!((level, stop, slices.len()), (0, Stop::Predicted, 11));
         let options = ViewOptions { max: 2, ..options(1e-9) };
-        let (level, _, stop) = refine_views(&solid, &options, |c| mirror(&solid, c, 500.0, f64::INFINITY));
+        let Views { level, stop, .. } = refine_views(&solid, &options, |c| mirror(&solid, c, 500.0, f64::INFINITY));
         assert_eq!((level, stop), (2, Stop::Level));
     }
 

@@ -7,13 +7,16 @@
 //!
 //! [`angular`] refines the directions of view of a point instead.
 //!
-//! [`split`] refines an object, [`differing`] goes on round by round where light leaks (`round`), [`count`] counts without building.
+//! [`mesh`] says which edges are too long for indirect light.
+//!
+//! [`split`] refines an object, [`differing`] goes on round by round where light leaks or indirect light differs (`round`), [`count`] counts without building.
 
 pub mod angular;
 mod cells;
 pub mod count;
 pub mod differing;
 pub mod edge;
+pub mod mesh;
 pub mod refined;
 mod round;
 pub mod split;

@@ -2,32 +2,37 @@
 //!
 //! ```text
 //! irradiance   W_i = 2π · n·l_i · (both classes)                 up to four lobes, soft expectation maximisation
-//! slice (v, class)  W_i = 2π · g0(v, l_i) · (class)              one lobe; g0 is GGX's factor of F0, with its cosine
-//! grazing      Σ g1 / Σ g0, weighted by what the paths carry     g1 is GGX's part without F0
+//! slice (v, class)  W_i = 2π · g0(v, l_i) · (class)              one lobe; g0 is the lobe's factor of F0, with its cosine
+//! grazing      Σ g1 / Σ g0, weighted by what the paths carry     g1 is the lobe's factor of F90
 //! ```
 //!
+//! Any [`prelight_runtime::brdf::Lobe`]; a measured one brings its colours in g1 alone, which then takes the place of g0, with grazing 1.
 //! The same paths serve every view: only g depends on it, so a view costs one value of the BRDF per path. The number of paths follows the
 //! width of the lobe, κ ≈ 1 / 2α²: [`PATHS_PER_KAPPA`] · κ, a power of two in [`LEAST_PATHS`]..=[`MOST_PATHS`]. A point none of whose
-//! first [`LEAST_PATHS`] directions meets a surface stores nothing. How many views: [`crate::refine::angular`].
+//! first [`LEAST_PATHS`] directions meets a surface stores nothing; one without a lobe stores irradiance. How many views:
+//! [`crate::refine::angular`].
 //!
 //! Lossy: below α = 0.06 the paths in a lobe are too few (their number is capped), and its slices are noisy; the noise floor then ends
 //! refinement early. One lobe a class cannot show two reflections in one slice.
 
-use crate::fit::mixture::fit_mixture;
-use crate::fit::vmf::{PathSample, fit_lobe};
+use crate::fit::mixture::{Effort, fit_mixture};
+use crate::fit::thin::thin_slices;
+use crate::fit::vmf::{LobeSums, PathSample, fit_lobe};
 use crate::refine::angular::{Slice, Stop, ViewOptions, refine_views};
+use crate::refine::mesh::MeshOptions;
 use crate::trace::TraceOrigin;
 use crate::trace::path::{PathSet, PathTracer};
-use prelight_runtime::brdf::ggx;
+use prelight_runtime::block_product::brdf::PointLobe;
+use prelight_runtime::brdf::{Lobe as BrdfLobe, lobe, phong};
 use prelight_runtime::sphere::frame::tangents;
 use prelight_runtime::sphere::icosahedron::Icosahedron;
 use prelight_runtime::vmf_transfer::Lobe;
 use prelight_runtime::vmf_transfer::lobe::luminance;
-use prelight_runtime::vmf_transfer::transfer::{IRRADIANCE_LOBES, NO_SLICES, Record, SLICE_LOBES, TransferLobe, encode};
+use prelight_runtime::vmf_transfer::transfer::{IRRADIANCE_LOBES, PointRecords, Record, SLICE_LOBES, TransferLobe, encode};
 use std::f32::consts::PI;
 
 /// Paths per unit of κ.
-pub const PATHS_PER_KAPPA: f64 = 64.0;
+pub const PATHS_PER_KAPPA: f64 = 256.0;
 /// Paths of a point at least.
 pub const LEAST_PATHS: u32 = 1024;
 /// Paths of a point at most.
@@ -37,22 +42,21 @@ const LEAST_HEIGHT: f32 = 0.02;
 /// Share of a point's light below which lobes are not told apart.
 const FAINT: f32 = 0.01;
 
-/// The surface that receives the light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Receiver {
-    /// Normal of the glossy term, unit.
-    pub normal: [f32; 3],
-    /// Perceptual roughness, 0..=1.
-    pub roughness: f32,
-}
+/// Share of a power's peak below which nothing is counted: it holds less than as much of its energy.
+const UNSEEN: f64 = 1e-4;
+
+/// Wide lobes are found in few samples.
+const EFFORT: Effort = Effort { starts: 1, samples: 384 };
 
 /// How much was done for a point.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointWork {
     /// Rays cast.
     pub rays: u64,
     /// Slices fitted.
     pub slices: u64,
+    /// 2 √(3 / M_eff) of its slices: what two fits of the same differ by, relative.
+    pub noise: f32,
     /// Refinement of views ended at the noise floor.
     pub noise_limited: bool,
 }
@@ -62,49 +66,63 @@ pub struct PointWork {
 pub struct TransferOptions {
     /// Refinement of views.
     pub views: ViewOptions,
+    /// Refinement of the mesh.
+    pub mesh: MeshOptions,
+    /// Error of a slice up to which it is left to its neighbours, relative to the largest of its point.
+    pub thin: f64,
     /// Largest number of paths of a point.
     pub most_paths: u32,
 }
 
-/// Paths that a surface of this roughness takes.
-pub fn paths_for(roughness: f32, most: u32) -> u32 {
-    let alpha = ggx::alpha(roughness);
+/// Paths that a receiver with this lobe takes.
+pub fn paths_for(lobe: &BrdfLobe, most: u32) -> u32 {
+    let alpha = match *lobe {
+        BrdfLobe::None => 1.0,
+        BrdfLobe::Ggx { alpha } | BrdfLobe::Ward { alpha } => alpha[0].min(alpha[1]),
+        BrdfLobe::Phong { exponent } | BrdfLobe::BlinnPhong { exponent } => phong::alpha(exponent),
+        BrdfLobe::CookTorrance { slope } => slope,
+        // Unknown: all there are.
+        BrdfLobe::Measured(_) => 0.0,
+    };
     let wanted = PATHS_PER_KAPPA / (2.0 * alpha * alpha);
-    (wanted.min(f64::from(most)) as u32).max(1).next_power_of_two().clamp(LEAST_PATHS.min(most), most)
+    // The power of two that is nearest from below 3/2 of it.
+    let wanted = (wanted / 1.5).min(f64::from(most)) as u32;
+    wanted.max(1).next_power_of_two().clamp(LEAST_PATHS.min(most), most)
 }
 
-/// Level and records of one point.
+/// Records of one point.
 pub fn bake_point(
     tracer: &PathTracer,
     solid: &Icosahedron,
     from: &TraceOrigin,
-    receiver: &Receiver,
+    receiver: &PointLobe,
     options: &TransferOptions,
     seed: u64,
-) -> ((u32, Vec<Record>), PointWork) {
+) -> (PointRecords, PointWork) {
     let mut paths = PathSet::default();
     let mut work = PointWork::default();
     tracer.extend(from, LEAST_PATHS.min(options.most_paths), &mut paths);
     if paths.ends.is_empty() {
         work.rays = paths.rays;
-        return ((NO_SLICES, Vec::new()), work);
+        return (PointRecords::DARK, work);
     }
-    tracer.extend(from, paths_for(receiver.roughness, options.most_paths), &mut paths);
+    tracer.extend(from, paths_for(&receiver.lobe, options.most_paths), &mut paths);
     work.rays = paths.rays;
-    let mut records = irradiance(&paths, from.normal, seed);
-    let slices = Slices::new(&paths, receiver);
-    let (level, kept, stop) = refine_views(solid, &options.views, |corner| {
-        work.slices += 1;
-        slices.fit(solid.corners[corner as usize]).0
-    });
-    work.noise_limited = stop == Stop::Noise;
-    for (corner, slice) in solid.stored(level).iter().zip(&kept) {
-        let grazing = slices.fit(solid.corners[*corner as usize]).1;
-        for slot in 0..SLICE_LOBES {
-            records.push(encode(&TransferLobe { lobe: slice.lobes[slot], grazing: grazing[slot] }));
-        }
+    let irradiance = irradiance(&paths, from.normal, seed);
+    if receiver.lobe == BrdfLobe::None {
+        return (PointRecords { irradiance, ..PointRecords::DARK }, work);
     }
-    ((level as u32, records), work)
+    let slices = Slices::new(&paths, receiver);
+    let views = refine_views(solid, &options.views, |corner| {
+        work.slices += 1;
+        slices.fit(solid.corners[corner as usize])
+    });
+    work.noise_limited = views.stop == Stop::Noise;
+    work.noise = views.noise as f32;
+    let pair = |slice: &Slice| std::array::from_fn(|slot| TransferLobe { lobe: slice.lobes[slot], grazing: slice.grazing[slot] });
+    let dense: Vec<[TransferLobe; SLICE_LOBES]> = views.slices.iter().map(pair).collect();
+    let tolerance = options.thin * (views.largest + options.views.floor);
+    (PointRecords { irradiance, ..thin_slices(solid, views.level, &dense, tolerance) }, work)
 }
 
 fn irradiance(paths: &PathSet, normal: [f32; 3], seed: u64) -> Vec<Record> {
@@ -121,56 +139,117 @@ fn irradiance(paths: &PathSet, normal: [f32; 3], seed: u64) -> Vec<Record> {
     let lobes: Vec<Lobe> = if luminance(one.lobe.weight) < FAINT * PI {
         vec![one.lobe]
     } else {
-        fit_mixture(&samples, generated, IRRADIANCE_LOBES, seed).iter().map(|fitted| fitted.lobe).collect()
+        fit_mixture(&samples, generated, IRRADIANCE_LOBES, seed, EFFORT).iter().map(|fitted| fitted.lobe).collect()
     };
-    let black = Lobe { mu: [0.0, 0.0, 1.0], ..Lobe::default() };
-    let padded = lobes.into_iter().chain(std::iter::repeat(black)).take(IRRADIANCE_LOBES);
-    padded.map(|lobe| encode(&TransferLobe { lobe, grazing: 0.0 })).collect()
+    lobes.into_iter().map(|lobe| encode(&TransferLobe { lobe, grazing: 0.0 })).collect()
 }
 
 /// Everything that the slices of a point share.
 pub struct Slices<'a> {
     paths: &'a PathSet,
-    receiver: &'a Receiver,
+    lobe: BrdfLobe<'a>,
+    /// Axes of the views.
     frame: [[f32; 3]; 3],
+    /// Axes of the lobe.
+    lobe_frame: [[f64; 3]; 3],
+    /// `[ends]` primary direction in the lobe's axes.
+    primary: Vec<[f64; 3]>,
+}
+
+/// Directions that a power of a cosine reaches, so that most paths cost no exponential. Other lobes fall off too slowly to be cut.
+struct Reach {
+    view: [f64; 3],
+    least: Cut,
+}
+
+enum Cut {
+    None,
+    /// (n·H)² ≥ this · |H|².
+    Half(f64),
+    /// r·l ≥ this.
+    Mirror(f64),
+}
+
+impl Reach {
+    fn new(lobe: &BrdfLobe, view: [f64; 3]) -> Self {
+        // (cos)ˢ = UNSEEN.
+        let cosine = |exponent: f64| libm::exp(libm::log(UNSEEN) / exponent.max(1e-3));
+        let least = match *lobe {
+            BrdfLobe::BlinnPhong { exponent } => Cut::Half(cosine(exponent) * cosine(exponent)),
+            BrdfLobe::Phong { exponent } => Cut::Mirror(cosine(exponent)),
+            _ => Cut::None,
+        };
+        Reach { view, least }
+    }
+
+    #[inline]
+    fn includes(&self, l: &[f64; 3]) -> bool {
+        let v = &self.view;
+        let flat = v[0] * l[0] + v[1] * l[1];
+        match self.least {
+            Cut::None => true,
+            // |v + l|² = 2 + 2 v·l
+            Cut::Half(least) => (v[2] + l[2]) * (v[2] + l[2]) >= least * (2.0 + 2.0 * (flat + v[2] * l[2])),
+            Cut::Mirror(least) => v[2] * l[2] - flat >= least,
+        }
+    }
+}
+
+fn into_frame(frame: &[[f64; 3]; 3], d: [f32; 3]) -> [f64; 3] {
+    frame.map(|axis| (0..3).map(|k| axis[k] * f64::from(d[k])).sum())
 }
 
 impl<'a> Slices<'a> {
     /// Of a point with these paths.
-    pub fn new(paths: &'a PathSet, receiver: &'a Receiver) -> Self {
+    pub fn new(paths: &'a PathSet, receiver: &PointLobe<'a>) -> Self {
         let (t, b) = tangents(receiver.normal);
-        Slices { paths, receiver, frame: [t, b, receiver.normal] }
+        let frame = [t, b, receiver.normal];
+        let mut lobe_frame = frame.map(|axis| axis.map(f64::from));
+        let cosine: f64 = (0..3).map(|k| f64::from(receiver.tangent[k]) * lobe_frame[2][k]).sum();
+        let across: [f64; 3] = std::array::from_fn(|k| f64::from(receiver.tangent[k]) - cosine * lobe_frame[2][k]);
+        let length = across.iter().map(|c| c * c).sum::<f64>().sqrt();
+        if receiver.lobe.is_anisotropic() && length > 1e-6 {
+            let [x, n] = [across.map(|c| c / length), lobe_frame[2]];
+            lobe_frame = [x, [n[1] * x[2] - n[2] * x[1], n[2] * x[0] - n[0] * x[2], n[0] * x[1] - n[1] * x[0]], n];
+        }
+        let primary = paths.ends.iter().map(|end| into_frame(&lobe_frame, paths.primary[end.primary as usize])).collect();
+        Slices { paths, lobe: receiver.lobe, frame, lobe_frame, primary }
     }
 
-    /// The slice toward a local view, and the grazing part of each lobe.
-    pub fn fit(&self, view: [f32; 3]) -> (Slice, [f32; SLICE_LOBES]) {
+    /// The slice toward a local view.
+    pub fn fit(&self, view: [f32; 3]) -> Slice {
         let lifted = [view[0], view[1], view[2].max(LEAST_HEIGHT)];
         let length = (lifted[0] * lifted[0] + lifted[1] * lifted[1] + lifted[2] * lifted[2]).sqrt();
-        let v: [f32; 3] = std::array::from_fn(|k| (0..3).map(|axis| lifted[axis] / length * self.frame[axis][k]).sum());
-        let mut samples = [(); SLICE_LOBES].map(|_| Vec::with_capacity(self.paths.ends.len()));
+        let world: [f32; 3] = std::array::from_fn(|k| (0..3).map(|axis| lifted[axis] / length * self.frame[axis][k]).sum());
+        let v = lobe::lift(into_frame(&self.lobe_frame, world));
+        let is_measured = matches!(self.lobe, BrdfLobe::Measured(_));
+        let reach = Reach::new(&self.lobe, v);
+        let mut sums = [LobeSums::default(); SLICE_LOBES];
         let mut terms = [[0.0f64; 2]; SLICE_LOBES];
-        for end in &self.paths.ends {
-            let l = self.paths.primary[end.primary as usize];
-            let [g0, g1] = ggx::terms(self.receiver.normal, v, l, self.receiver.roughness);
-            if g0 <= 0.0 {
+        for (end, l) in self.paths.ends.iter().zip(&self.primary) {
+            if !reach.includes(l) {
+                continue;
+            }
+            let [g0, g1] = self.lobe.terms(v, *l).map(|term| term.map(|value| value as f32));
+            let first = if is_measured { g1 } else { g0 };
+            if luminance(first) <= 0.0 {
                 continue;
             }
             for class in 0..SLICE_LOBES {
-                let carried = luminance(end.weight[class]);
+                let weight: [f32; 3] = std::array::from_fn(|c| 2.0 * PI * first[c] * end.weight[class][c]);
+                let carried = luminance(weight);
                 if carried > 0.0 {
-                    samples[class].push(PathSample { direction: end.direction, weight: end.weight[class].map(|w| 2.0 * PI * g0 * w) });
-                    terms[class][0] += f64::from(g0 * carried);
-                    terms[class][1] += f64::from(g1 * carried);
+                    sums[class].add(end.direction, weight, 1.0);
+                    terms[class][0] += f64::from(carried);
+                    terms[class][1] += f64::from(carried) * f64::from(g1[1] / first[1]);
                 }
             }
         }
-        let generated = self.paths.primary.len() as u64;
-        let fitted = [fit_lobe(&samples[0], generated), fit_lobe(&samples[1], generated)];
+        let fitted = sums.map(|sums| sums.finish(self.paths.primary.len() as f64));
         // The lobe that carries more says how noisy the slice is.
         let louder = if luminance(fitted[1].lobe.weight) > luminance(fitted[0].lobe.weight) { 1 } else { 0 };
-        let slice = Slice { lobes: [fitted[0].lobe, fitted[1].lobe], effective_samples: fitted[louder].effective_samples };
         let grazing = terms.map(|[g0, g1]| if g0 > 0.0 { (g1 / g0) as f32 } else { 0.0 });
-        (slice, grazing)
+        Slice { lobes: [fitted[0].lobe, fitted[1].lobe], grazing, effective_samples: fitted[louder].effective_samples }
     }
 }
 
@@ -178,16 +257,21 @@ impl<'a> Slices<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::test_scenes::{IDENTITY, add, quad, scene};
+    use crate::plan::test_scenes::{IDENTITY, add, cuboid, quad, scene};
     use crate::scene::Scene;
     use crate::scene::world::World;
     use crate::trace::{OccluderOptions, Occluders};
+    use prelight_runtime::brdf::ggx;
     use prelight_runtime::sphere::vmf::eval;
     use prelight_runtime::surface::Material;
-    use prelight_runtime::vmf_transfer::transfer::{decode, n_records};
+    use prelight_runtime::vmf_transfer::transfer::decode;
 
-    const OPTIONS: TransferOptions =
-        TransferOptions { views: ViewOptions { start: 1, max: 3, budget: 0.1, floor: 0.02 }, most_paths: MOST_PATHS };
+    const OPTIONS: TransferOptions = TransferOptions {
+        views: ViewOptions { start: 1, max: 3, budget: 0.1, floor: 0.02 },
+        mesh: MeshOptions { budget: 0.5, floor: 0.02 },
+        thin: 0.0,
+        most_paths: MOST_PATHS,
+    };
     const FROM: TraceOrigin = TraceOrigin { origin: [0.0, 1e-3, 0.0], normal: [0.0, 1.0, 0.0], base_triangles: &[0, 1] };
 
     /// A floor, and a wall at x = 1 as high as it is wide; the wall's surface is given.
@@ -210,8 +294,8 @@ mod tests {
         run(&PathTracer::new(scene, &world, &occluders, &[], 1, 7), &occluders)
     }
 
-    fn glossy_receiver(roughness: f32) -> Receiver {
-        Receiver { normal: [0.0, 1.0, 0.0], roughness }
+    fn glossy_receiver(roughness: f32) -> PointLobe<'static> {
+        PointLobe::ggx([0.0, 1.0, 0.0], roughness)
     }
 
     #[test]
@@ -219,26 +303,26 @@ mod tests {
         let solid = Icosahedron::new(3);
         with_tracer(&corner(matte()), |tracer, _| {
             let receiver = glossy_receiver(0.4);
-            let ((level, records), work) = bake_point(tracer, &solid, &FROM, &receiver, &OPTIONS, 1);
-            assert_eq!(records.len(), n_records(&solid, level).unwrap());
+            let (point, work) = bake_point(tracer, &solid, &FROM, &receiver, &OPTIONS, 1);
+            let level = point.view().level.unwrap();
             assert!(work.rays > 1024 && work.slices > 0);
             let mut paths = PathSet::default();
-            tracer.extend(&FROM, paths_for(0.4, MOST_PATHS), &mut paths);
+            tracer.extend(&FROM, paths_for(&receiver.lobe, MOST_PATHS), &mut paths);
             let scale = 2.0 * PI / paths.primary.len() as f32;
             for c in 0..3 {
                 let exact: f32 = paths.ends.iter().map(|e| paths.primary[e.primary as usize][1] * (e.weight[0][c] + e.weight[1][c])).sum();
-                let stored: f32 = records[..IRRADIANCE_LOBES].iter().map(|r| decode(r).lobe.weight[c]).sum();
+                let stored: f32 = point.irradiance.iter().map(|r| decode(r).lobe.weight[c]).sum();
                 // Halves.
                 assert!((stored / (exact * scale) - 1.0).abs() < 2e-3, "{c}: {stored} {}", exact * scale);
             }
             // Every slice: α over both classes is Σ 2π g0 W / M.
-            for (corner, slots) in solid.stored(level as usize).iter().zip(records[IRRADIANCE_LOBES..].chunks(SLICE_LOBES)) {
+            for (place, corner) in solid.stored(level).iter().enumerate() {
                 let v = solid.corners[*corner as usize];
-                let (slice, grazing) = Slices::new(&paths, &receiver).fit(v);
+                let slice = Slices::new(&paths, &receiver).fit(v);
                 for slot in 0..SLICE_LOBES {
-                    let got = decode(&slots[slot]);
+                    let got = point.view().slice(&solid, place, slot);
                     assert!((got.lobe.weight[1] - slice.lobes[slot].weight[1]).abs() <= 1e-3 * slice.lobes[slot].weight[1] + 1e-7);
-                    assert!((got.grazing - grazing[slot]).abs() <= 1e-3 * grazing[slot] + 1e-6);
+                    assert!((got.grazing - slice.grazing[slot]).abs() <= 1e-3 * slice.grazing[slot] + 1e-6);
                 }
             }
         });
@@ -248,7 +332,7 @@ mod tests {
     #[test]
     fn shared_paths_agree_with_sampling_each_view() {
         let scene = corner(Material { roughness: 0.5, metallic: 1.0, ..matte() });
-        let receiver = glossy_receiver(0.45);
+        let (roughness, receiver) = (0.45, glossy_receiver(0.45));
         with_tracer(&scene, |tracer, occluders| {
             let mut shared = PathSet::default();
             tracer.extend(&FROM, MOST_PATHS, &mut shared);
@@ -260,18 +344,18 @@ mod tests {
                 let (t, b) = tangents(receiver.normal);
                 let along = |axis: [f32; 3]| (0..3).map(|k| axis[k] * world[k]).sum::<f32>();
                 let local = [along(t), along(b), along(receiver.normal)];
-                let fitted = slices.fit(local).0.lobes[1];
+                let fitted = slices.fit(local).lobes[1];
                 // The oracle: primaries drawn from GGX about this view.
                 let m = 16384u32;
                 let (mut weight, mut mean) = (0.0f64, [0.0f64; 3]);
                 for i in 0..m {
                     let u = [crate::fit::mixture::uniform(3, u64::from(2 * i)), crate::fit::mixture::uniform(3, u64::from(2 * i + 1))];
-                    let l = ggx::sample(receiver.normal, world, receiver.roughness, u.map(|x| x as f32));
-                    let pdf = ggx::pdf(receiver.normal, world, l, receiver.roughness);
+                    let l = ggx::sample(receiver.normal, world, roughness, u.map(|x| x as f32));
+                    let pdf = ggx::pdf(receiver.normal, world, l, roughness);
                     if l[1] <= 0.0 || pdf <= 0.0 {
                         continue;
                     }
-                    let value = ggx::terms(receiver.normal, world, l, receiver.roughness)[0];
+                    let value = ggx::terms(receiver.normal, world, l, roughness)[0];
                     if occluders.closest_hit(FROM.origin, l, FROM.base_triangles).is_none() {
                         continue;
                     }
@@ -296,25 +380,34 @@ mod tests {
     }
 
     #[test]
-    fn open_points_store_nothing() {
+    fn open_and_closed_points_store_nothing() {
         let solid = Icosahedron::new(3);
         let mut open = scene();
         add(&mut open, "floor", vec![quad([-4.0, 0.0, 4.0], [8.0, 0.0, 0.0], [0.0, 0.0, -8.0], 1)], IDENTITY);
         with_tracer(&open, |tracer, _| {
-            let ((level, records), work) = bake_point(tracer, &solid, &FROM, &glossy_receiver(0.3), &OPTIONS, 1);
-            assert_eq!((level, records.len(), work.rays), (NO_SLICES, 0, u64::from(LEAST_PATHS)));
+            let (point, work) = bake_point(tracer, &solid, &FROM, &glossy_receiver(0.3), &OPTIONS, 1);
+            assert_eq!((point, work.rays), (PointRecords::DARK, u64::from(LEAST_PATHS)));
+        });
+        // In a closed box everything is hit, and nothing gets out again.
+        let mut closed = scene();
+        add(&mut closed, "box", vec![cuboid([-1.0, 0.0, -1.0], [1.0, 1.0, 1.0], true, 1)], IDENTITY);
+        with_tracer(&closed, |tracer, _| {
+            let from = TraceOrigin { base_triangles: &[], ..FROM };
+            let (point, work) = bake_point(tracer, &solid, &from, &glossy_receiver(0.3), &OPTIONS, 1);
+            assert_eq!(point, PointRecords::DARK);
+            assert!(work.rays > u64::from(LEAST_PATHS));
         });
     }
 
     #[test]
     fn a_mirror_stays_finite_and_repeats_itself() {
         let solid = Icosahedron::new(2);
-        let options = TransferOptions { views: ViewOptions { max: 2, ..OPTIONS.views }, most_paths: 2048 };
+        let options = TransferOptions { views: ViewOptions { max: 2, ..OPTIONS.views }, most_paths: 2048, ..OPTIONS };
         with_tracer(&corner(Material { roughness: 0.0, metallic: 1.0, ..matte() }), |tracer, _| {
             let first = bake_point(tracer, &solid, &FROM, &glossy_receiver(0.0), &options, 1);
             let again = bake_point(tracer, &solid, &FROM, &glossy_receiver(0.0), &options, 1);
             assert_eq!(first, again);
-            for record in &first.0.1 {
+            for record in first.0.irradiance.iter().chain(&first.0.slices) {
                 let got = decode(record);
                 let value = eval(got.lobe.mu, got.lobe.kappa, got.lobe.mu);
                 assert!(value.is_finite() && got.lobe.weight.iter().all(|w| w.is_finite()), "{got:?}");

@@ -12,6 +12,7 @@ fn patch(n_points: u32, seed: u8) -> AssetPatch {
         points: descriptor(ChunkKind::Points, seed),
         surface: descriptor(ChunkKind::Surface, seed + 1),
         visibility: descriptor(ChunkKind::Visibility, seed + 2),
+        transfer: None,
     }
 }
 
@@ -86,13 +87,14 @@ fn descriptors_name_every_chunk_in_a_fixed_order() {
 
 #[test]
 fn wrong_content_is_refused_with_the_field_that_is_wrong() {
-    let cases: [(&str, Value, &str); 13] = [
+    let cases: [(&str, Value, &str); 14] = [
         ("/content/face_resolution", json!(65), "content.face_resolution = 65, expected 64 or 128"),
         ("/content/objects/1/name", json!("root/Sofa"), "content.objects[1].name"),
         ("/content/objects/0/n_points", json!(301), "content.objects[0].n_points = 301, expected 300"),
         ("/content/objects/0/patches/1/n_points", json!(0), "content.objects[0].patches[1].n_points = 0, expected 1..=256"),
         ("/content/objects/0/patches/1/n_points", json!(257), "content.objects[0].patches[1].n_points = 257"),
-        ("/content/objects/0/technique", json!("vmf_transfer"), "technique `vmf_transfer` is not in this build, which has: block_product"),
+        ("/content/objects/0/technique", json!("square_light"), "technique `square_light` is not in this build, which has: block_product"),
+        ("/content/objects/0/technique", json!("vmf_transfer"), "content.objects[0].patches[0].transfer = false, expected a chunk where"),
         ("/content/objects/0/technique", json!("auto"), "technique `auto`"),
         ("/content/objects/0/mesh/kind", json!("points"), "content.objects[0].mesh.kind = points, expected mesh"),
         ("/content/objects/1/patches/0/visibility/kind", json!("image"), "content.objects[1].patches[0].visibility.kind = image"),

@@ -77,6 +77,9 @@ pub fn check(manifest: &SceneManifest, file: &str, text: &str) -> Result<(), Man
     if let Some(face) = bake.face_resolution.filter(|face| *face != 64 && *face != 128) {
         return Err(checker.range("bake.face_resolution", face, "64 or 128"));
     }
+    if let Some(bounces) = bake.bounces.filter(|bounces| !(1..=64).contains(bounces)) {
+        return Err(checker.range("bake.bounces", bounces, "1..=64"));
+    }
     check_materials(manifest, &checker)?;
     for (i, rule) in manifest.object.iter().enumerate() {
         checker.not_empty(&format!("object[{i}].match"), &rule.pattern)?;

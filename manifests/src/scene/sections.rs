@@ -92,6 +92,10 @@ pub struct BakeSection {
     /// How transport is represented.
     #[serde(default)]
     pub technique: Technique,
+    /// Surfaces between a point and the environment that indirect light of `vmf_transfer` crosses at most, 1 to 64; 1 unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 1, max = 64))]
+    pub bounces: Option<u32>,
     /// Edges whose end normals differ by more are split, degrees, 1 to 180.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1.0, max = 180.0))]

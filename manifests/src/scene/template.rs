@@ -54,7 +54,8 @@ gltf = {gltf}
 quality = "medium"           # draft | medium | high: sets of the knobs below
 {edge_length}
 {max_error}
-# technique = "auto"         # or block_product
+# technique = "auto"         # or block_product, vmf_transfer: with indirect light
+# bounces = 1                # of vmf_transfer: surfaces between a point and the environment
 {angle}
 {smooth}
 {floor}

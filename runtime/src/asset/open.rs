@@ -11,7 +11,9 @@ use crate::block_product::visibility::Visibility;
 use crate::brdf::Measured;
 use crate::draw::camera::SceneCamera;
 use crate::error::RuntimeError;
+use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use crate::surface::{Material, Model, Texture};
+use crate::vmf_transfer::Transfer;
 use prelight_manifests::{AssetManifest, Descriptor, Digest};
 use prelight_store::{Chunk, ChunkSource};
 use std::ops::Range;
@@ -55,6 +57,7 @@ pub struct AssetPatch {
     points_chunk: Chunk,
     surfaces_chunk: Chunk,
     visibility_chunk: Chunk,
+    transfer_chunk: Option<Chunk>,
 }
 
 impl Asset {
@@ -93,8 +96,10 @@ impl Asset {
             let (name, world_from_local, edge_length) = (object.name.clone(), object.world_from_local, object.edge_length);
             objects.push(AssetObject { name, points, patches, world_from_local, edge_length, base, mesh });
         }
+        // Only transfer is laid out on its directions.
+        let solid = wanted.iter().any(|(patch, _)| patch.transfer.is_some()).then(|| Icosahedron::new(MAX_LEVEL));
         let open = |(patch, points): &(&prelight_manifests::asset::AssetPatch, Range<usize>)| {
-            AssetPatch::open(patch, points.clone(), content.face_resolution as usize, materials.len(), source)
+            AssetPatch::open(patch, points.clone(), content.face_resolution as usize, materials.len(), source, solid.as_ref())
         };
         #[cfg(feature = "parallel")]
         {
@@ -151,7 +156,9 @@ impl Asset {
 
     /// Bytes that the chunks take in memory, mapped or not.
     pub fn resident_bytes(&self) -> u64 {
-        let patches = self.patches.iter().flat_map(|patch| [&patch.points_chunk, &patch.surfaces_chunk, &patch.visibility_chunk]);
+        let patches = (self.patches.iter()).flat_map(|patch| {
+            [&patch.points_chunk, &patch.surfaces_chunk, &patch.visibility_chunk].into_iter().chain(&patch.transfer_chunk)
+        });
         let chunks = self.objects.iter().map(|object| &object.mesh).chain(&self.textures).chain(patches);
         chunks.map(|chunk| chunk.len() as u64).sum()
     }
@@ -189,6 +196,7 @@ impl AssetPatch {
         face_resolution: usize,
         n_materials: usize,
         source: &dyn ChunkSource,
+        solid: Option<&Icosahedron>,
     ) -> Result<Self, RuntimeError> {
         let points_chunk = source.chunk(&patch.points)?;
         let surfaces_chunk = source.chunk(&patch.surface)?;
@@ -208,7 +216,13 @@ impl AssetPatch {
         if visibility.len() != n || visibility.face_resolution() != face_resolution {
             return disagrees("visibility", &patch.visibility, "holds another number of points or of texels than the manifest says");
         }
-        Ok(AssetPatch { points, points_chunk, surfaces_chunk, visibility_chunk })
+        let transfer_chunk = patch.transfer.as_ref().map(|transfer| source.chunk(transfer)).transpose()?;
+        if let (Some(chunk), Some(descriptor), Some(solid)) = (&transfer_chunk, &patch.transfer, solid)
+            && Transfer::from_chunk(chunk, solid).map_err(|error| named(error, descriptor))?.len() != n
+        {
+            return disagrees("transfer", descriptor, "holds another number of points than the manifest says");
+        }
+        Ok(AssetPatch { points, points_chunk, surfaces_chunk, visibility_chunk, transfer_chunk })
     }
 
     /// Where its points are.
@@ -219,6 +233,11 @@ impl AssetPatch {
     /// Averaged material parameters of its points.
     pub fn surfaces(&self) -> PointSurfaces<'_> {
         PointSurfaces::from_chunk(&self.surfaces_chunk).expect(PROVEN)
+    }
+
+    /// What reaches its points over other surfaces, where that was baked.
+    pub fn transfer(&self) -> Option<Transfer<'_>> {
+        self.transfer_chunk.as_ref().map(|chunk| Transfer::from_proven_chunk(chunk))
     }
 
     /// What its points see.

@@ -21,6 +21,8 @@ pub struct Icosahedron {
     stored: Vec<Vec<u32>>,
     /// `[level][corner]` place in `stored`, `u32::MAX` for the others.
     place: Vec<Vec<u32>>,
+    /// `[corner − 12]` the two corners whose edge it halves.
+    parents: Vec<[u32; 2]>,
 }
 
 /// Three corners and their shares, which are at least 0 and sum to 1.
@@ -54,7 +56,7 @@ impl Icosahedron {
             }
         }
         exact.push([0.0, 0.0, -1.0]);
-        let mut faces = vec![Vec::new()];
+        let (mut faces, mut parents) = (vec![Vec::new()], Vec::new());
         for i in 0..5u32 {
             let next = (i + 1) % 5;
             let (a, b, c, d) = (1 + i, 1 + next, 6 + i, 6 + next);
@@ -68,6 +70,7 @@ impl Icosahedron {
                     *middle.entry((x.min(y), x.max(y))).or_insert_with(|| {
                         let (p, q) = (exact[x as usize], exact[y as usize]);
                         exact.push(normalise(std::array::from_fn(|k| p[k] + q[k])));
+                        parents.push([x.min(y), x.max(y)]);
                         exact.len() as u32 - 1
                     })
                 };
@@ -93,7 +96,7 @@ impl Icosahedron {
                 place
             })
             .collect();
-        Icosahedron { corners, faces, stored, place }
+        Icosahedron { corners, faces, stored, place, parents }
     }
 
     /// Corners of a level that views from above the horizon need, ascending.
@@ -105,6 +108,11 @@ impl Icosahedron {
     pub fn place(&self, level: usize, corner: u32) -> Option<usize> {
         let place = self.place[level][corner as usize];
         (place != u32::MAX).then_some(place as usize)
+    }
+
+    /// The two corners of coarser levels that a corner lies half way between; `None` for those of level 0.
+    pub fn parents(&self, corner: u32) -> Option<[u32; 2]> {
+        (corner as usize).checked_sub(12).map(|i| self.parents[i])
     }
 
     /// The face of a level that holds a direction (unit; below the horizon it is taken to the horizon).
@@ -163,6 +171,12 @@ mod tests {
             assert!(
                 solid.stored(level - 1).iter().filter(|c| solid.corners[**c as usize][2] > 0.0).all(|c| solid.place(level, *c).is_some())
             );
+        }
+        for corner in 0..solid.corners.len() as u32 {
+            let Some([a, b]) = solid.parents(corner) else { continue };
+            let [a, b, own] = [a, b, corner].map(|c| solid.corners[c as usize]);
+            let middle = normalise(std::array::from_fn(|k| f64::from(a[k] + b[k])));
+            assert!((0..3).all(|k| (middle[k] - f64::from(own[k])).abs() < 1e-6), "{corner}");
         }
         for face in &solid.faces[3] {
             let [a, b, c] = face.map(|i| solid.corners[i as usize]);

@@ -3,8 +3,10 @@
 //! Taken at the point's vertex, from the mesh and the textures: nothing of it is baked, so a material may gain anisotropy or a coat at run
 //! time. Lossy: textures of anisotropy and coat are read at the vertex, not averaged over what the point stands for.
 
-use super::{Material, Texture, bend_normal, resolve, tangent_from_uv};
+use super::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
 use crate::asset::mesh::{Mesh, NO_POINT};
+use crate::block_product::brdf::PointLobe;
+use crate::brdf::{Lobe, Measured};
 
 /// Of one point. Zeros where its material needs none of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -22,6 +24,13 @@ pub struct Detail {
 /// Whether points of a material have a detail.
 pub fn has_detail(material: &Material) -> bool {
     material.is_anisotropic() || material.clearcoat > 0.0
+}
+
+/// What a point reflects with: a material of averaged `roughness` about the mean mapped `normal`.
+pub fn point_lobe<'a>(material: &Material, roughness: f32, normal: [f32; 3], detail: &Detail, tables: &'a [Measured]) -> PointLobe<'a> {
+    let sample = SurfaceSample { roughness, anisotropy: detail.anisotropy, model: material.model, ..SurfaceSample::default() };
+    let lobe = if material.unlit { Lobe::None } else { sample.lobe(tables) };
+    PointLobe { lobe, normal, tangent: detail.tangent }
 }
 
 /// Fills the details of an object's points, of material `only` or of all. The first corner of a point in the mesh's order counts.

@@ -12,6 +12,7 @@
 //! limit of 2/√κ. Source: \[LD09\] Eq. 6, erratum 7.
 
 use super::lobe::{Lobe, luminance};
+use super::record::TransferLobe;
 
 /// Below this κ a lobe is as good as uniform; keeps the logarithm finite.
 const KAPPA_FLOOR: f32 = 1e-2;
@@ -59,6 +60,29 @@ pub fn blend(lobes: [Lobe; 3], weights: [f32; 3]) -> Blend {
     Blend { lobes: [one; 3], n: 1 }
 }
 
+/// Half of each of two lobes as one lobe, whatever lies between them: what a slice is taken for that is not stored.
+///
+/// Where the means leave no direction, the brighter lobe's counts.
+pub fn middle(a: &TransferLobe, b: &TransferLobe) -> TransferLobe {
+    let say = [a, b].map(|l| luminance(l.lobe.weight));
+    let sum = say[0] + say[1];
+    let weight: [f32; 3] = std::array::from_fn(|c| 0.5 * (a.lobe.weight[c] + b.lobe.weight[c]));
+    if sum <= 0.0 || !sum.is_finite() {
+        return TransferLobe { lobe: Lobe { weight, ..a.lobe }, grazing: 0.0 };
+    }
+    let share = say.map(|own| own / sum);
+    let mean: [f32; 3] = std::array::from_fn(|k| share[0] * a.lobe.mu[k] + share[1] * b.lobe.mu[k]);
+    let length = (mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]).sqrt();
+    let mu = match length < LEAST_MEAN {
+        true if say[1] > say[0] => b.lobe.mu,
+        true => a.lobe.mu,
+        false => mean.map(|c| c / length),
+    };
+    let ln = |l: &TransferLobe| libm::logf(l.lobe.kappa.max(KAPPA_FLOOR));
+    let kappa = libm::expf(share[0] * ln(a) + share[1] * ln(b));
+    TransferLobe { lobe: Lobe { weight, mu, kappa }, grazing: share[0] * a.grazing + share[1] * b.grazing }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -101,6 +125,21 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_middle_keeps_energy_and_is_finite() {
+        let with = |lobe: Lobe| TransferLobe { lobe, grazing: 0.5 };
+        let odd = [lobe(0.0, 0.0, 0.0), lobe(1.0, 0.0, 1e5), lobe(1.0, std::f32::consts::PI, 1e5), lobe(0.5, 1.0, 3.0)];
+        for a in odd {
+            for b in odd {
+                let got = middle(&with(a), &with(b)).lobe;
+                assert!(got.kappa.is_finite() && got.mu.iter().all(|c| c.is_finite()), "{a:?} {b:?} {got:?}");
+                assert!((got.weight[0] - 0.5 * (a.weight[0] + b.weight[0])).abs() < 1e-6);
+            }
+        }
+        let got = middle(&with(lobe(1.0, 0.0, 10.0)), &with(lobe(1.0, 0.2, 40.0)));
+        assert!((got.lobe.kappa - 20.0).abs() < 1e-3 && got.lobe.chord_squared(&lobe(1.0, 0.1, 1.0)) < 1e-9 && got.grazing == 0.5);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`lobe`] | a weighted lobe, distances between lobes |
 //! | [`interpolate`] | a lobe between three others |
+//! | [`record`] | a lobe in 14 bytes |
 //! | [`transfer`] | the chunk |
 //! | [`light`] | the environment, filtered per κ |
 //! | [`shade`] | light at points |
@@ -11,6 +12,7 @@
 pub mod interpolate;
 pub mod light;
 pub mod lobe;
+pub mod record;
 pub mod shade;
 pub mod transfer;
 

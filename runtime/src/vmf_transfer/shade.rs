@@ -51,7 +51,7 @@ pub fn add_glossy(
 ) {
     for i in 0..transfer.len() {
         let point = transfer.point(i);
-        if point.slices.is_empty() {
+        if point.level.is_none() {
             continue;
         }
         let toward: [f32; 3] = std::array::from_fn(|k| eye[k] - position[i][k]);
@@ -71,7 +71,7 @@ pub fn add_glossy(
     }
 }
 
-/// The lobes of a point toward a view, world space: for each slot the blend of the three slices around it.
+/// The lobes of a point toward a view, world space: for each slot the blend of the three slices around it. None of them is black.
 pub fn glossy_lobes(
     solid: &Icosahedron,
     point: &PointTransfer,
@@ -80,9 +80,9 @@ pub fn glossy_lobes(
 ) -> impl Iterator<Item = (super::Lobe, f32)> {
     let (t, b) = tangents(normal);
     let along = |axis: [f32; 3]| axis[0] * view[0] + axis[1] * view[1] + axis[2] * view[2];
-    let found = solid.locate(point.level, [along(t), along(b), along(normal)]);
+    let found = solid.locate(point.level.unwrap_or(0), [along(t), along(b), along(normal)]);
     let slots: [_; SLICE_LOBES] = std::array::from_fn(|slot| {
-        let lobes: [TransferLobe; 3] = found.places.map(|place| decode(&point.slices[place * SLICE_LOBES + slot]));
+        let lobes: [TransferLobe; 3] = found.places.map(|place| point.slice(solid, place, slot));
         let say: [f32; 3] = std::array::from_fn(|k| found.weights[k] * super::lobe::luminance(lobes[k].lobe.weight));
         let sum = say[0] + say[1] + say[2];
         let grazing = if sum > 0.0 { (0..3).map(|k| say[k] * lobes[k].grazing).sum::<f32>() / sum } else { 0.0 };
@@ -90,7 +90,7 @@ pub fn glossy_lobes(
     });
     slots.into_iter().flat_map(|(blend, grazing)| {
         let n = blend.lobes().len();
-        (0..n).map(move |i| (blend.lobes()[i], grazing))
+        (0..n).map(move |i| (blend.lobes()[i], grazing)).filter(|(lobe, _)| lobe.weight != [0.0; 3])
     })
 }
 
@@ -101,7 +101,7 @@ mod tests {
     use crate::sphere::cubemap::{texel_solid_angle, texel_unit_direction};
     use crate::sphere::icosahedron::MAX_LEVEL;
     use crate::vmf_transfer::Lobe;
-    use crate::vmf_transfer::transfer::{NO_SLICES, encode, n_records};
+    use crate::vmf_transfer::transfer::{PointRecords, encode, n_words};
 
     fn sky() -> LightCubemap {
         let n = 64;
@@ -122,11 +122,12 @@ mod tests {
         let lobe = |weight: f32, mu: [f32; 3]| TransferLobe { lobe: Lobe { weight: [weight; 3], mu, kappa: 30.0 }, grazing: 0.5 };
         let (a, b) = (lobe(0.25, [0.0, 1.0, 0.0]), lobe(0.125, [0.0, 0.0, 1.0]));
         let black = TransferLobe::default();
-        let mut own = [a, black, black, black].map(|l| encode(&l)).to_vec();
-        while own.len() < n_records(&solid, 2).unwrap() {
-            own.extend([encode(&a), encode(&b)]);
-        }
-        let chunk = Transfer::to_chunk(&[(2, own), (NO_SLICES, Vec::new())]);
+        let n_slots = solid.stored(2).len() * SLICE_LOBES;
+        let mut kept = vec![u32::MAX; n_words(&solid, 2)];
+        kept[n_slots / 32] = (1 << (n_slots % 32)) - 1;
+        let slices = (0..n_slots).map(|i| encode(if i % 2 == 0 { &a } else { &b })).collect();
+        let own = PointRecords { level: 2, irradiance: vec![encode(&a), encode(&black)], kept, slices };
+        let chunk = Transfer::to_chunk(&[own, PointRecords::DARK]);
         let chunk = prelight_store::Chunk::from_plain(&chunk);
         let transfer = Transfer::from_chunk(&chunk, &solid).unwrap();
         let normal = [[0.0, 0.6, 0.8]; 2];
