@@ -5,6 +5,7 @@
 //! An object's chunks depend on the object, its knobs and on what can block light; never on the batch, the shard, the thread or the order,
 //! so any limit and any number of threads give the same digest.
 
+use crate::budget::{ObjectError, PLACES, Probes, measure_baked};
 use crate::engine::object::{KnownObject, ObjectCounts, ObjectRecord, PatchReach, known_objects, object_keys};
 use crate::engine::patch::Shadowing;
 use crate::engine::threads::{Paranoid, PatchResult, PatchTask, Tracer};
@@ -14,6 +15,7 @@ use crate::plan::buried::BuriedProbe;
 use crate::plan::changes::StalePatch;
 use crate::plan::layer::{MAX_LAYERS, layers};
 use crate::plan::pieces::Pieces;
+use crate::plan::preview::first_stops;
 use crate::plan::shaft::OriginBoxes;
 use crate::plan::snapshot::Snapshot;
 use crate::plan::surface::point_surfaces;
@@ -32,6 +34,8 @@ use prelight_runtime::asset::points::{BURIED, PATCH_POINTS};
 use prelight_runtime::block_product::visibility::{PointVisibility, Visibility};
 use prelight_store::{Chunk, MAX_RECORD_DATA, Record, ShardWriter, Store};
 use rayon::prelude::*;
+use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Rounds of splitting at most: each halves an edge, and the area floor ends it sooner.
@@ -77,6 +81,8 @@ pub struct RebakeOptions {
     pub only: Option<Vec<bool>>,
     /// Traces some of what was taken from the store again and fails where it differs.
     pub paranoid: Option<Paranoid>,
+    /// Lights under which the errors between points are measured once an object is baked; without them they are not.
+    pub measure: Option<Arc<Probes>>,
 }
 
 impl RebakeOptions {
@@ -113,6 +119,8 @@ pub struct BakeStats {
     pub bytes_resident: u64,
     /// Bytes that this bake added to the store.
     pub bytes_stored: u64,
+    /// Errors between points, per object, where they were measured.
+    pub errors: Vec<ObjectError>,
     /// Seconds per stage, in order.
     pub seconds: Vec<(&'static str, f64)>,
 }
@@ -202,6 +210,26 @@ pub fn bake_counted(
     store: &Store,
     progress: &dyn Progress,
 ) -> Result<Baked, BakeError> {
+    bake_with_previews(scene, world, counts, options, store, progress, None)
+}
+
+/// What is told of each preview: an asset of the coarsest points, valid as it is. Whether to go on.
+pub type OnPreview<'a> = dyn FnMut(Baked) -> ControlFlow<()> + 'a;
+
+/// [`bake_counted`] that first seals coarse assets, each of points that the next has too: nothing is traced twice, and the last asset is that
+/// of a bake without previews. There are none where little is missing, or more than the memory allows at once.
+///
+/// # Errors
+/// As [`bake`]; [`BakeError::Cancelled`] when a preview is answered with a break.
+pub fn bake_with_previews(
+    scene: &Scene,
+    world: &World,
+    counts: &[u64],
+    options: &BakeOptions,
+    store: &Store,
+    progress: &dyn Progress,
+    mut preview: Option<&mut OnPreview>,
+) -> Result<Baked, BakeError> {
     let mut clock = Clock::default();
     let layer_of = layers(scene, world, &options.rebake.layers);
     let pieces = Pieces::build(scene, world, &layer_of, MAX_LAYERS);
@@ -209,10 +237,11 @@ pub fn bake_counted(
     let wanted = |object: usize| options.rebake.wants(object);
     let keys = object_keys(scene, options, &wanted);
     let snapshot = Snapshot::new(&pieces);
-    // Whoever wants hits checked wants all of them looked up one by one.
-    // Indirect light hangs on the whole scene, which an object's record does not know.
+    // Whoever wants hits checked wants all of them looked up one by one; what is to be measured needs its plan; indirect light hangs on the
+    // whole scene, which an object's record does not know.
+    let in_detail = options.rebake.paranoid.is_some() || options.rebake.measure.is_some();
     let is_direct = |object: usize| options.transfer_of(object as u32).is_none();
-    let usable = |object: usize| options.rebake.paranoid.is_none() && wanted(object) && is_direct(object);
+    let usable = |object: usize| !in_detail && wanted(object) && is_direct(object);
     let known = known_objects(scene, options, &keys, &snapshot, store, &usable)?;
     let mut objects: Vec<Option<AssetObject>> = known.into_iter().map(|known| known.map(|known| stats.take(known))).collect();
     let missing: Vec<bool> = objects.iter().enumerate().map(|(object, known)| wanted(object) && known.is_none()).collect();
@@ -243,59 +272,108 @@ pub fn bake_counted(
         clock.lap("build");
         let transfer = transfer.as_ref();
         let sealing = Sealing { scene, options, store, progress, keys: &keys, snapshot: &snapshot, transfer };
+        let n_batches = batches.len();
         for batch in batches {
             let batch: Vec<usize> = batch.filter(|object| missing[*object]).collect();
-            let work = bake_batch(&batch, counts.iter().sum(), world, &tracer, &sealing, &mut stats, &mut clock)?;
-            for (object, sealed) in batch.into_iter().zip(sealing.seal(&work, &mut stats)?) {
+            let estimate = counts.iter().sum();
+            let mut work = plan_batch(&batch, estimate, world, &sealing, &mut clock)?;
+            if let Some(preview) = preview.as_deref_mut().filter(|_| n_batches == 1) {
+                for points in preview_points(estimate as usize) {
+                    let first = sealing.first_points(&mut work, points, &tracer, &mut stats)?;
+                    clock.lap("trace");
+                    let mut seen = BakeStats { tiles: stats.tiles, ..BakeStats::default() };
+                    let mut shown = objects.clone();
+                    for (object, sealed) in batch.iter().zip(sealing.seal(&first, false, &mut seen)?) {
+                        shown[*object] = Some(sealed);
+                    }
+                    let baked = finish(scene, world, options, store, shown, seen)?;
+                    stats.bytes_stored += baked.stats.bytes_stored;
+                    clock.lap("preview");
+                    if preview(baked).is_break() {
+                        return Err(BakeError::Cancelled);
+                    }
+                }
+            }
+            bake_batch(&mut work, estimate, &tracer, &sealing, &mut stats, &mut clock)?;
+            if let Some(probes) = &options.rebake.measure {
+                stats.errors.extend(sealing.measure(&work, world, &occluders, probes)?);
+                clock.lap("measure");
+            }
+            for (object, sealed) in batch.into_iter().zip(sealing.seal(&work, true, &mut stats)?) {
                 objects[object] = Some(sealed);
             }
             clock.lap("seal");
         }
     }
+    let mut baked = finish(scene, world, options, store, objects, stats)?;
+    clock.lap("seal");
+    baked.stats.seconds = clock.laps;
+    Ok(baked)
+}
+
+/// Points of the previews of a bake of so many, each far fewer than the next.
+fn preview_points(total: usize) -> impl Iterator<Item = usize> {
+    const FIRST: usize = 16_384;
+    [FIRST, total / 4].into_iter().filter(move |points| 2 * points < total && (*points == FIRST || *points > 2 * FIRST))
+}
+
+/// Adds what belongs to the scene as a whole.
+fn finish(
+    scene: &Scene,
+    world: &World,
+    options: &BakeOptions,
+    store: &Store,
+    objects: Vec<Option<AssetObject>>,
+    mut stats: BakeStats,
+) -> Result<Baked, BakeError> {
     let objects = objects.into_iter().flatten().collect();
     let scene_chunks = SceneChunks::put(scene, store)?;
     stats.bytes_stored += scene_chunks.bytes_stored;
     let content = scene_chunks.content(world, options.face_resolution, objects);
     stats.bytes_resident = seal::resident_bytes(&content);
     let asset_digest = Digest(*blake3::hash(&content.canonical()).as_bytes());
-    clock.lap("seal");
-    stats.seconds = clock.laps;
     Ok(Baked { content, asset_digest, stats })
 }
 
-/// Plans, traces and refines some objects until nothing is split any more.
+/// Plans some objects.
+fn plan_batch(batch: &[usize], estimate: u64, world: &World, of: &Sealing, clock: &mut Clock) -> Result<Vec<ObjectWork>, BakeError> {
+    let Sealing { scene, options, progress, .. } = *of;
+    let _stage = Stage::begin(progress, "place", Some(estimate), "points");
+    let work = (batch.par_iter())
+        .map(|&object| Ok(ObjectWork::new(plan_object(scene, world, object, &options.points[object])?)))
+        .collect::<Result<_, BakeError>>()?;
+    clock.lap("plan");
+    Ok(work)
+}
+
+/// Traces and refines some objects until nothing is split any more.
 fn bake_batch(
-    batch: &[usize],
+    work: &mut [ObjectWork],
     estimate: u64,
-    world: &World,
     tracer: &Tracer,
     of: &Sealing,
     stats: &mut BakeStats,
     clock: &mut Clock,
-) -> Result<Vec<ObjectWork>, BakeError> {
-    let Sealing { scene, options, progress, .. } = *of;
+) -> Result<(), BakeError> {
+    let Sealing { scene, options, progress, transfer, .. } = *of;
     let stage = Stage::begin(progress, "bake", Some(estimate), "points");
     stage.advance(stats.points_made);
-    let mut work: Vec<ObjectWork> = (batch.par_iter())
-        .map(|&object| Ok(ObjectWork::new(plan_object(scene, world, object, &options.points[object])?)))
-        .collect::<Result<_, BakeError>>()?;
-    clock.lap("plan");
     for round in 0..=MAX_ROUNDS {
         check(progress)?;
-        trace_missing(tracer, options, &mut work, stats)?;
+        trace_missing(tracer, options, work, stats, None)?;
         clock.lap("trace");
         if round == MAX_ROUNDS {
             break;
         }
-        if let Some(transfer) = of.transfer {
-            for object in &mut work {
+        if let Some(transfer) = transfer {
+            for object in work.iter_mut() {
                 object.trace_indirect(scene, options, transfer, stats)?;
             }
             clock.lap("transfer");
         }
         let split: u64 = work
             .par_iter_mut()
-            .map(|object| object.split(&options.points[object.plan.object as usize], options, of.transfer))
+            .map(|object| object.split(&options.points[object.plan.object as usize], options, transfer))
             .sum::<Result<u64, BakeError>>()?;
         clock.lap("refine");
         if split == 0 {
@@ -303,7 +381,7 @@ fn bake_batch(
         }
     }
     stats.points_made += work.iter().map(|object| object.plan.n_points() as u64).sum::<u64>();
-    Ok(work)
+    Ok(())
 }
 
 /// An object of the current batch.
@@ -324,6 +402,19 @@ impl ObjectWork {
     fn new(plan: ObjectPlan) -> Self {
         let indirect = Default::default();
         ObjectWork { plan, visibility: Vec::new(), reaches: Vec::new(), indirect, judged: 0, counts: ObjectCounts::default() }
+    }
+
+    /// With its first patches alone, which have been traced.
+    fn first_patches(&self, n: usize) -> Self {
+        let (plan, visibility) = (self.plan.first_patches(n), self.visibility[..n].to_vec());
+        ObjectWork { plan, visibility, reaches: Vec::new(), indirect: Default::default(), judged: 0, counts: self.counts }
+    }
+
+    /// What is lost between its points.
+    fn measure(&self, world: &World, occluders: &Occluders, options: &BakeOptions, probes: &Probes) -> Result<ObjectError, BakeError> {
+        let patches: Vec<Visibility> = self.visibility.iter().map(|(_, chunk)| Visibility::from_chunk(chunk)).collect::<Result<_, _>>()?;
+        let edge_length = options.points[self.plan.object as usize].edge_length;
+        Ok(measure_baked(&self.plan, &patches, world, occluders, edge_length, probes, PLACES))
     }
 
     /// Traces what other surfaces send to the points that there are, if the object asks for it.
@@ -365,7 +456,16 @@ impl ObjectWork {
                 && (Difference::between(point(a), point(b), texels, &mut scratch.borrow_mut()).is_leak(texels)
                     || indirect.as_ref().is_some_and(|differs| differs(a, b)))
         };
-        let Some(plan) = split_differing(&self.plan, params, &differs)? else { return Ok(0) };
+        // Where fewer points are baked than the mesh has, those between two that differ are baked first.
+        let leaks = |a: u32, b: u32| {
+            let unusable = is_buried(a) || is_buried(b);
+            !unusable && Difference::between(point(a), point(b), texels, &mut scratch.borrow_mut()).is_leak(texels)
+        };
+        let plan = match self.plan.without_leaking_stands(params, &leaks) {
+            Some(plan) => Some(plan),
+            None => split_differing(&self.plan, params, &differs)?,
+        };
+        let Some(plan) = plan else { return Ok(0) };
         let added = (plan.n_points() - self.plan.n_points()) as u64;
         drop((patches, indirect));
         self.judged = self.plan.n_points() as u32;
@@ -375,11 +475,21 @@ impl ObjectWork {
     }
 }
 
-/// Looks up or traces every patch that has no visibility yet.
-fn trace_missing(tracer: &Tracer, options: &BakeOptions, work: &mut [ObjectWork], stats: &mut BakeStats) -> Result<(), BakeError> {
-    let tasks: Vec<PatchTask> = (work.iter())
-        .flat_map(|object| {
-            let (plan, missing) = (&object.plan, &object.plan.patches[object.visibility.len()..]);
+/// Looks up or traces every patch that has no visibility yet; of each object only those before its stop, where there are stops.
+fn trace_missing(
+    tracer: &Tracer,
+    options: &BakeOptions,
+    work: &mut [ObjectWork],
+    stats: &mut BakeStats,
+    stops: Option<&[usize]>,
+) -> Result<(), BakeError> {
+    let missing = |at: usize, object: &ObjectWork| {
+        let first = object.visibility.len();
+        first..stops.map_or(object.plan.patches.len(), |stops| stops[at].max(first))
+    };
+    let tasks: Vec<PatchTask> = (work.iter().enumerate())
+        .flat_map(|(at, object)| {
+            let (plan, missing) = (&object.plan, &object.plan.patches[missing(at, object)]);
             let edge_length = options.points[plan.object as usize].edge_length;
             missing.iter().map(move |patch| PatchTask { plan, edge_length, patch })
         })
@@ -387,8 +497,8 @@ fn trace_missing(tracer: &Tracer, options: &BakeOptions, work: &mut [ObjectWork]
     let outcome = tracer.run(&tasks)?;
     drop(tasks);
     let mut results = outcome.patches.into_iter();
-    for object in work.iter_mut() {
-        for patch in object.visibility.len()..object.plan.patches.len() {
+    for (at, object) in work.iter_mut().enumerate() {
+        for patch in missing(at, object) {
             let result = results.next().expect("one result a task, in their order");
             let first = object.plan.patches[patch].first;
             let buried: Vec<u32> = result.buried.iter().map(|local| first + u32::from(*local)).collect();
@@ -423,15 +533,42 @@ struct Sealing<'a> {
 }
 
 impl Sealing<'_> {
-    /// Puts what is final only now (areas change when triangles are split), names every chunk of the objects and records them whole.
-    fn seal(&self, work: &[ObjectWork], stats: &mut BakeStats) -> Result<Vec<AssetObject>, BakeError> {
+    /// Traces what a preview of about so many points needs, and gives that part of each object.
+    fn first_points(
+        &self,
+        work: &mut [ObjectWork],
+        points: usize,
+        tracer: &Tracer,
+        stats: &mut BakeStats,
+    ) -> Result<Vec<ObjectWork>, BakeError> {
+        let plans: Vec<&ObjectPlan> = work.iter().map(|object| &object.plan).collect();
+        let stops = first_stops(&plans, points);
+        trace_missing(tracer, self.options, work, stats, Some(&stops))?;
+        Ok(work.par_iter().zip(&stops).map(|(object, stop)| object.first_patches((*stop).max(object.visibility.len()))).collect())
+    }
+
+    /// What is lost between the points of finished objects.
+    fn measure(&self, work: &[ObjectWork], world: &World, occluders: &Occluders, probes: &Probes) -> Result<Vec<ObjectError>, BakeError> {
+        let stage = Stage::begin(self.progress, "measure", Some(work.len() as u64), "objects");
+        let measured = work.par_iter().with_max_len(1).map(|object| {
+            check(self.progress)?;
+            let error = object.measure(world, occluders, self.options, probes)?;
+            stage.advance(1);
+            Ok(error)
+        });
+        measured.collect()
+    }
+
+    /// Puts what is final only now (areas change when triangles are split), names every chunk of the objects and, where they are `whole`,
+    /// records them.
+    fn seal(&self, work: &[ObjectWork], whole: bool, stats: &mut BakeStats) -> Result<Vec<AssetObject>, BakeError> {
         const POINTS_PER_SHARD: usize = 64 * PATCH_POINTS;
         let mut writer = self.store.writer();
         let mut waiting = 0;
         let mut sealed = Vec::with_capacity(work.len());
         let snapshot = self.snapshot.key();
         let data = self.snapshot.encode();
-        let recorded = data.len() <= MAX_RECORD_DATA;
+        let recorded = whole && data.len() <= MAX_RECORD_DATA;
         if recorded && self.store.lookup(&snapshot)?.is_none() {
             writer.record(snapshot, Record { chunks: Vec::new(), data });
         }
@@ -481,7 +618,10 @@ impl Sealing<'_> {
             };
             let counts = ObjectCounts { triangles: made.n_triangles, buried: plan.n_buried() as u32, ..object.counts };
             let record = ObjectRecord { object: &made, counts, reaches: &object.reaches };
-            if let Some(record) = record.encode(&snapshot).filter(|_| recorded && asked.is_none()) {
+            if recorded
+                && asked.is_none()
+                && let Some(record) = record.encode(&snapshot)
+            {
                 writer.record(self.keys[plan.object as usize], record);
             }
             stats.count(&made, &counts);

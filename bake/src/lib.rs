@@ -2,6 +2,7 @@
 
 pub mod bake;
 pub mod block_product;
+pub mod budget;
 pub mod chart;
 pub mod check;
 pub mod demo;

@@ -1,16 +1,18 @@
 //! From a scene manifest and the command line's knobs to what a bake is decided by.
 
 use crate::bake::{BakeOptions, RebakeOptions};
+use crate::budget::{Choice, choose};
 use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::density::density;
 use crate::plan::estimate::count_points;
+use crate::progress::Progress;
 use crate::refine::angular::ViewOptions;
 use crate::refine::mesh::MeshOptions;
 use crate::scene::Scene;
 use crate::scene::overrides::ObjectKnobs;
 use crate::scene::world::World;
-use crate::trace::TreeQuality;
+use crate::trace::{OccluderOptions, Occluders, TreeQuality};
 use crate::vmf_transfer::transfer::{MOST_PATHS, TransferOptions};
 use prelight_manifests::quality::{BvhBuild, Quality};
 use prelight_manifests::{SceneManifest, Technique};
@@ -26,6 +28,10 @@ pub struct Settings {
     pub derived: bool,
     /// `[objects]` points before leaks are split, counted.
     pub points: Vec<u64>,
+    /// `[objects]` error that scene.toml asks for, where it does.
+    pub budgets: Vec<Option<f64>>,
+    /// What the budgets chose; empty before [`Settings::meet_budgets`] and where there are none.
+    pub choices: Vec<Choice>,
 }
 
 impl Settings {
@@ -73,7 +79,27 @@ impl Settings {
         };
         let known = derived.as_ref().map(|density| (start.with_edge_length(edge_length), &density.points[..]));
         let points = count_points(scene, world, &options.points, known)?;
-        Ok(Settings { options, edge_length, derived: pinned.is_none(), points })
+        let budgets = objects.iter().map(|object| object.max_error).collect();
+        Ok(Settings { options, edge_length, derived: pinned.is_none(), points, budgets, choices: Vec::new() })
+    }
+
+    /// Chooses the edge length of every object that has a budget of error; does nothing where none has.
+    ///
+    /// # Errors
+    /// As [`choose`].
+    pub fn meet_budgets(&mut self, scene: &Scene, world: &World, progress: &dyn Progress) -> Result<(), BakeError> {
+        if self.budgets.iter().all(Option::is_none) {
+            return Ok(());
+        }
+        let options = OccluderOptions { quality: self.options.tree, ..OccluderOptions::default() };
+        let occluders = Occluders::build(world, &scene.textures, options);
+        let (params, face_resolution) = (&self.options.points, self.options.face_resolution);
+        self.choices = choose(scene, world, &occluders, params, &self.budgets, face_resolution, progress)?;
+        for choice in &self.choices {
+            self.options.points[choice.object] = choice.params;
+            self.points[choice.object] = choice.points;
+        }
+        Ok(())
     }
 }
 

@@ -6,6 +6,7 @@
 //! | `normal_angle_deg` | 40 | 25 | 15 | edges whose end normals differ by more are split |
 //! | `area_floor` | 1/4 | 1/4 | 1/8 | shadow edges are split down to this share of the edge length |
 //! | `max_error` | 0.05 | 0.02 | 0.01 | relative L2 of radiance aimed at, per object |
+//! | `coarser` | true | false | false | where the mesh is finer than the edge length, only some of its vertices are baked |
 //! | `face_resolution` | 64 | 64 | 64 | texels along a cubemap face's side |
 //! | `bvh` | fast | medium | medium | how long the BVH build may take; changes no bit of the result |
 
@@ -51,6 +52,8 @@ pub struct Knobs {
     pub area_floor: f64,
     /// Relative L2 of radiance aimed at, per object.
     pub max_error: f64,
+    /// Where the mesh is finer than the edge length, only some of its vertices are baked; the others interpolate.
+    pub coarser: bool,
     /// Texels along a cubemap face's side, 64 or 128.
     pub face_resolution: u32,
     /// How long the BVH build may take.
@@ -68,7 +71,7 @@ impl Quality {
             Quality::Medium => (200_000, 25.0, 1.0 / 4.0, 0.02, BvhBuild::Medium),
             Quality::High => (1_000_000, 15.0, 1.0 / 8.0, 0.01, BvhBuild::Medium),
         };
-        Knobs { points, normal_angle_deg, area_floor, max_error, face_resolution: 64, bvh }
+        Knobs { points, normal_angle_deg, area_floor, max_error, coarser: self == Quality::Draft, face_resolution: 64, bvh }
     }
 }
 

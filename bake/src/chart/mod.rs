@@ -15,11 +15,13 @@
 //! | [`truth`] | reference images as bytes, kept between runs |
 //! | [`row`] | a line of the table, CSV, JSON, Pareto fronts |
 //! | [`svg`], [`page`] | what people look at |
+//! | [`against`] | what changed since an older chart |
 //! | [`paper`] | the tables and figures of \[IFL\] |
 //! | [`glossy`] | the tables and figures of \[LD09\] |
 //!
 //! Nothing here is tuned on a scene: budgets are fixed. Views marked held back are none that a default or a threshold was ever set with.
 
+pub mod against;
 mod clock;
 pub mod glossy;
 pub mod measure;

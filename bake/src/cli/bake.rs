@@ -4,15 +4,16 @@ use super::args::{BakeKnobs, SceneArgs, duration};
 use super::context::peak_memory;
 use super::loaded::Loaded;
 use super::output::{check_writable, write_atomically};
-use super::{Context, ExitCode, Failure, Summary, reasons};
+use super::{Context, ExitCode, Failure, Summary, budgets, reasons};
 use clap::Args;
-use prelight_bake::bake::{Baked, bake_counted};
+use prelight_bake::bake::{Baked, OnPreview, bake_with_previews};
 use prelight_bake::engine::threads::Paranoid;
 use prelight_bake::scene::overrides::matching_objects;
 use prelight_bake::seal::seal;
 use prelight_store::Store;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -49,6 +50,12 @@ pub struct RebakeArgs {
     /// Trace N tiles a patch again that the store has, and fail if one differs
     #[arg(long, value_name = "N")]
     pub paranoid: Option<u32>,
+    /// Measure what is lost between points, under held-back lights and the scene's own; on by itself where scene.toml has a `max_error`
+    #[arg(long)]
+    pub measure: bool,
+    /// Write a coarse asset first, then finer ones; what is baked for one is not baked again for the next
+    #[arg(long)]
+    pub preview: bool,
 }
 
 impl RebakeArgs {
@@ -106,20 +113,42 @@ pub fn bake_file(
     let start = Instant::now();
     let mut loaded = Loaded::open(scene, knobs, context)?;
     rebake.apply(&mut loaded)?;
-    bake_loaded(&loaded, output, start, context)
+    budgets::measure(&mut loaded, rebake.measure, context)?;
+    bake_loaded(&loaded, output, rebake.preview, start, context)
 }
 
 /// Bakes a scene that was read since `start`.
-pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, start: Instant, context: &Context) -> Result<Summary, Failure> {
+pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, start: Instant, context: &Context) -> Result<Summary, Failure> {
     let read_seconds = start.elapsed().as_secs_f64();
     let in_part = loaded.settings.options.rebake.only.is_some();
     let asset = output.unwrap_or_else(|| default_asset(loaded, in_part));
     let folder = context.store.clone().unwrap_or_else(|| default_store(&asset));
     let store = Store::open_or_create(&folder)?;
     check_writable(&asset)?;
-    let baked = bake_counted(&loaded.scene, &loaded.world, &loaded.settings.points, &loaded.settings.options, &store, context.progress())?;
+    let (scene, world, settings) = (&loaded.scene, &loaded.world, &loaded.settings);
+    let (mut failure, mut previews) = (None, 0);
+    let mut show = |baked: Baked| match show_preview(&baked, loaded, (&asset, &folder, &store), read_seconds, start, context) {
+        Ok(()) => {
+            previews += 1;
+            ControlFlow::Continue(())
+        }
+        Err(error) => {
+            failure = Some(error);
+            ControlFlow::Break(())
+        }
+    };
+    let on_preview: Option<&mut OnPreview> = if preview { Some(&mut show) } else { None };
+    let baked = bake_with_previews(scene, world, &settings.points, &settings.options, &store, context.progress(), on_preview);
+    if let Some(failure) = failure {
+        return Err(failure);
+    }
+    let baked = baked?;
     let mut summary = summary(&baked, loaded, &asset, &folder, read_seconds, start);
-    if baked.stats.tiles.traced > 0 && asset.exists() {
+    if preview {
+        summary.set("previews", previews);
+    }
+    // What changed since a preview is no news.
+    if baked.stats.tiles.traced > 0 && asset.exists() && previews == 0 {
         // The asset that is about to be replaced says what changed; one that cannot be read says nothing.
         match reasons::since(&asset, &store, loaded, &baked.stats.stale, context) {
             Ok(found) => {
@@ -131,9 +160,39 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, start: Instant, con
     }
     let mut report = report(&summary, loaded, &asset, &folder);
     report.insert("knobs".to_string(), loaded.knobs.to_json());
+    let measured = budgets::measured_json(loaded, &baked.stats.errors);
+    if !measured.is_empty() {
+        let (met, of) = budgets::met(&measured);
+        if of > 0 {
+            summary.set("budgets.met", met).set("budgets.undeclared", of).set("budgets.declared", loaded.settings.choices.len() - of);
+        }
+        report.insert("errors".to_string(), measured.into());
+    }
     let manifest = seal(&baked, report, &store)?;
     write_atomically(&asset, |out| out.write_all(manifest.to_text().as_bytes()))?;
     Ok(summary)
+}
+
+/// Seals a coarse asset and puts it where the finished one will be.
+fn show_preview(
+    baked: &Baked,
+    loaded: &Loaded,
+    (asset, folder, store): (&Path, &Path, &Store),
+    read_seconds: f64,
+    start: Instant,
+    context: &Context,
+) -> Result<(), Failure> {
+    let summary = summary(baked, loaded, asset, folder, read_seconds, start);
+    let mut report = report(&summary, loaded, asset, folder);
+    report.insert("knobs".to_string(), loaded.knobs.to_json());
+    report.insert("preview".to_string(), true.into());
+    let manifest = seal(baked, report, store)?;
+    write_atomically(asset, |out| out.write_all(manifest.to_text().as_bytes()))?;
+    let seconds = start.elapsed().as_secs_f64();
+    let (points, name) = (baked.stats.points, asset.display());
+    context.progress().message(&format!("preview: {name}, {points} points after {seconds:.1} s"));
+    context.reporter.event(json!({ "event": "preview", "asset": name.to_string(), "points": points, "seconds": seconds }));
+    Ok(())
 }
 
 /// `<stem>.prelight.json` in the current folder; a part of a scene does not take the place of the whole.

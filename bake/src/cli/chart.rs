@@ -9,6 +9,7 @@ use super::reporter::clock;
 use super::truth::Truth;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
+use prelight_bake::chart::against::against;
 use prelight_bake::chart::glossy::{GlossyRow, glossy_text, lobe_sizes, mesh_svg};
 use prelight_bake::chart::page::{Heading, page, plots};
 use prelight_bake::chart::paper::{paper_rows, paper_text, partly_lit, terms_svg};
@@ -63,6 +64,9 @@ pub struct ChartArgs {
     /// Surfaces between the camera's and the light in the references of --paper ld09
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     pub bounces: u32,
+    /// Compare with the chart.csv of an older chart; end with 4 where something got slower, larger or less accurate
+    #[arg(long, value_name = "CSV", conflicts_with = "paper")]
+    pub against: Option<PathBuf>,
     #[command(flatten)]
     pub knobs: BakeKnobs,
 }
@@ -102,6 +106,11 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
         );
     }
     let start = Instant::now();
+    // Before any work: a wrong path is a slip.
+    let older = match &args.against {
+        Some(path) => Some(String::from_utf8_lossy(&super::read::read(path, context.memory)?).into_owned()),
+        None => None,
+    };
     for folder in ["", "references", "cells"] {
         let folder = args.output.join(folder);
         std::fs::create_dir_all(&folder).map_err(|source| prelight_bake::BakeError::output(&folder, source))?;
@@ -149,8 +158,24 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
             cells.push(rows);
         }
     }
-    let written = write_results(&args, &asset, &cells)?;
     let mut summary = Summary::new();
+    let mut told = Vec::new();
+    if let (Some(older), Some(path)) = (older, &args.against) {
+        let found = against(&older, &constants(&args, &asset), &cells.concat()).map_err(|what| {
+            let text = format!(
+                "{} is not the table of a chart: {what}\n  help: name the chart.csv that an older `prelight chart` wrote",
+                path.display()
+            );
+            Failure::text(ExitCode::Input, text)
+        })?;
+        told.push(format!("against {}: {} rows compared, {} figures worse", path.display(), found.compared, found.worse()));
+        told.extend(found.lines(LISTED));
+        if found.worse() > 0 {
+            summary.exit_code = ExitCode::Found;
+        }
+        summary.set("against", serde_json::to_value(&found).map_err(anyhow::Error::new)?);
+    }
+    let written = write_results(&args, &asset, &cells, &told)?;
     summary
         .set("page", written.display().to_string())
         .set("csv", args.output.join("chart.csv").display().to_string())
@@ -161,8 +186,26 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
         .set("charts.kept", cells.len() - missing.len())
         .set("rows", serde_json::to_value(cells.concat()).map_err(anyhow::Error::new)?)
         .set("seconds.total", start.elapsed().as_secs_f64());
-    summary.set_text(text(&cells, &written, start.elapsed().as_secs_f64()));
+    let mut text = text(&cells, &written, start.elapsed().as_secs_f64());
+    told.iter().for_each(|line| text += &format!("{line}\n"));
+    summary.set_text(text);
     Ok(summary)
+}
+
+/// Differences to an older chart that people are told; the page has as many.
+const LISTED: usize = 40;
+
+/// Values of the columns that are the same for every row.
+fn constants(args: &ChartArgs, asset: &Asset) -> [String; 6] {
+    let (width, height) = args.size;
+    [
+        env!("CARGO_PKG_VERSION").to_string(),
+        format!("{}, {:?}", machine(), SimdPath::detect()),
+        args.scene.scene.display().to_string(),
+        asset.manifest().asset_digest.to_string(),
+        width.to_string(),
+        height.to_string(),
+    ]
 }
 
 /// `--paper ifl`: its tables over all views of each light.
@@ -418,17 +461,10 @@ impl Chart<'_> {
 }
 
 /// CSV, one SVG per chart, the page; returns the page's path.
-fn write_results(args: &ChartArgs, asset: &Asset, cells: &[Vec<Row>]) -> Result<PathBuf, Failure> {
+fn write_results(args: &ChartArgs, asset: &Asset, cells: &[Vec<Row>], told: &[String]) -> Result<PathBuf, Failure> {
     let (width, height) = args.size;
-    let machine = format!("{}, {:?}", machine(), SimdPath::detect());
-    let context = [
-        env!("CARGO_PKG_VERSION").to_string(),
-        machine.clone(),
-        args.scene.scene.display().to_string(),
-        asset.manifest().asset_digest.to_string(),
-        width.to_string(),
-        height.to_string(),
-    ];
+    let context = constants(args, asset);
+    let machine = &context[1];
     let csv = to_csv(&context, &cells.concat());
     write_atomically(&args.output.join("chart.csv"), |out| out.write_all(csv.as_bytes()))?;
     for (i, cell) in cells.iter().enumerate() {
@@ -436,13 +472,14 @@ fn write_results(args: &ChartArgs, asset: &Asset, cells: &[Vec<Row>]) -> Result<
             write_atomically(&args.output.join(format!("{:02}-{name}.svg", i + 1)), |out| out.write_all(svg.as_bytes()))?;
         }
     }
-    let lines = vec![
+    let mut lines = vec![
         format!("{machine}; asset {}; pictures {width}x{height}, references {} samples a pixel.", context[3], args.reference),
         "Times are CPU time of one thread, medians, techniques interleaved. Errors at points are against pixel_product on the same texels and \
          bits; errors of pictures against the path tracer. Rows on a Pareto front are tinted. Nothing was tuned on views marked held back."
             .to_string(),
         "ns per point is with the surface's projection free; projection ns is what doing it on the fly adds.".to_string(),
     ];
+    lines.extend(told.iter().cloned());
     let title = format!("prelight chart: {}", args.scene.scene.display());
     let path = args.output.join("index.html");
     write_atomically(&path, |out| out.write_all(page(&Heading { title, lines }, cells).as_bytes()))?;

@@ -8,6 +8,7 @@ use super::truth::Truth;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_manifests::ByteSize;
+use prelight_manifests::asset::AssetObject;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::points::BURIED;
 use prelight_runtime::draw::camera::CameraRays;
@@ -28,6 +29,10 @@ pub enum Map {
     Points,
     /// How far the picture is from the reference.
     Error,
+    /// What shades what: points of one technique have one colour.
+    Technique,
+    /// Bytes a square metre of surface, from blue (few) over green to red (many).
+    Bytes,
 }
 
 /// Show what is in a bake: objects, sizes, errors
@@ -64,6 +69,7 @@ pub fn run(args: InspectArgs, context: &Context) -> Result<Summary, Failure> {
     match (args.map, &args.output) {
         (Some(Map::Points), Some(output)) => map_points(&asset, &args, output),
         (Some(Map::Error), Some(output)) => map_error(&asset, &args, output, context),
+        (Some(map), Some(output)) => map_objects(&asset, &args, map, output),
         _ => contents(&asset, &args),
     }
 }
@@ -85,12 +91,17 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
     };
     let flags = |patches: std::ops::Range<usize>| asset.patches[patches].iter().flat_map(|patch| patch.points().flags.to_vec());
     let mut objects: Vec<Value> = Vec::new();
+    let directions = 6 * manifest.content.face_resolution * manifest.content.face_resolution;
     for (object, entry) in asset.objects.iter().zip(&manifest.content.objects).filter(|(object, _)| chosen(&object.name)) {
         let buried = flags(object.patches.clone()).filter(|flags| flags & BURIED != 0).count();
         let visibility: u64 = entry.patches.iter().map(|patch| patch.visibility.bytes).sum();
+        let measured = measured(asset, &object.name);
         objects.push(json!({
             "name": object.name, "technique": entry.technique, "points": entry.n_points, "buried": buried, "triangles": entry.n_triangles,
-            "patches": entry.patches.len(), "edge_length": round(object.edge_length), "bytes": { "visibility": visibility, "mesh": entry.mesh.bytes },
+            "patches": entry.patches.len(), "edge_length": round(object.edge_length), "directions": directions,
+            "bytes": { "total": object_bytes(entry), "visibility": visibility, "mesh": entry.mesh.bytes },
+            "max_error": measured["max_error"], "predicted": measured["predicted"], "measured": measured["held_back"],
+            "declared": measured["declared"],
         }));
     }
     let mut summary = Summary::new();
@@ -119,17 +130,118 @@ fn text(asset: &Asset, by_kind: &BTreeMap<String, u64>, objects: &mut [Value]) -
     ];
     rows.extend(by_kind.iter().map(|(kind, bytes)| (kind.as_str(), ByteSize(*bytes).to_string())));
     let mut text: String = rows.iter().map(|(name, value)| format!("{name:<14}{value}\n")).collect();
-    text += &format!("\n{:>9} {:>9} {:>8}  {}\n", "points", "triangles", "buried", "object");
+    let is_measured = objects.iter().any(|object| object["measured"].is_number());
+    let errors = |predicted: &str, measured: &str| if is_measured { format!("{predicted:>10} {measured:>9} ") } else { String::new() };
+    let heading = errors("predicted", "measured");
+    text += &format!(
+        "\n{:>9} {:>9} {:>8} {:>11} {:>10} {heading} technique      object\n",
+        "points", "triangles", "buried", "directions", "bytes"
+    );
     objects.sort_by_key(|object| std::cmp::Reverse(object["points"].as_u64()));
     for object in objects.iter().take(LISTED) {
         let number = |field: &str| object[field].as_u64().unwrap_or(0);
         let name = object["name"].as_str().unwrap_or_default();
-        text += &format!("{:>9} {:>9} {:>8}  {name}\n", number("points"), number("triangles"), number("buried"));
+        let error = |field: &str| object[field].as_f64().map_or("-".to_string(), |error| format!("{error:.4}"));
+        let errors = errors(&error("predicted"), &error("measured"));
+        let bytes = ByteSize(object["bytes"]["total"].as_u64().unwrap_or(0)).to_string();
+        let technique = object["technique"].as_str().unwrap_or_default();
+        // Declared: its budget was known to be out of reach.
+        let declared = if object["declared"] == true { " (declared)" } else { "" };
+        let (points, triangles, buried, directions) = (number("points"), number("triangles"), number("buried"), number("directions"));
+        text += &format!("{points:>9} {triangles:>9} {buried:>8} {directions:>11} {bytes:>10} {errors} {technique:<14} {name}{declared}\n");
     }
     if objects.len() > LISTED {
         text += &format!("{:>9} {:>9} {:>8}  and {} more\n", "", "", "", objects.len() - LISTED);
     }
     text
+}
+
+/// What the bake's report says of an object's error; null where it was not measured.
+fn measured(asset: &Asset, name: &str) -> Value {
+    let errors = asset.manifest().report.get("errors").and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default();
+    errors.iter().find(|error| error["object"] == name).cloned().unwrap_or_default()
+}
+
+/// Plain bytes of an object's chunks, shared ones counted in full.
+fn object_bytes(entry: &AssetObject) -> u64 {
+    let patches = entry.patches.iter().map(|patch| patch.points.bytes + patch.surface.bytes + patch.visibility.bytes);
+    entry.mesh.bytes + entry.base.bytes + patches.sum::<u64>()
+}
+
+/// Colours of techniques, in the order of their names in the asset.
+const TECHNIQUE_COLORS: [[f32; 3]; 6] =
+    [[0.15, 0.45, 0.85], [0.95, 0.55, 0.10], [0.20, 0.70, 0.30], [0.80, 0.25, 0.30], [0.55, 0.35, 0.75], [0.50, 0.50, 0.50]];
+
+/// Clay under an even sky, with a dot in the colour of what is asked at every point of an object.
+fn map_objects(asset: &Asset, args: &InspectArgs, map: Map, output: &Path) -> Result<Summary, Failure> {
+    let camera = camera(asset, &args.view)?;
+    let size = [args.view.size.0 as usize, args.view.size.1 as usize];
+    let sky = Environment::new(2, 1, vec![[1.0; 3]; 2]);
+    let (light, _) = LightCubemap::from_environment(&sky, asset.manifest().content.face_resolution as usize);
+    let mut relighter = Relighter::new(asset);
+    relighter.set_light(&light);
+    let view = relighter.view(&camera, size, 4)?;
+    relighter.shade(camera.eye, Some(&view.points));
+    let mut image = relighter.draw(&view, &|_| [0.02; 3], true)?.image;
+    let entries = &asset.manifest().content.objects;
+    let mut techniques: Vec<&str> = entries.iter().map(|entry| entry.technique.as_str()).collect();
+    techniques.sort_unstable();
+    techniques.dedup();
+    let density: Vec<f64> = (asset.objects.iter().zip(entries))
+        .map(|(object, entry)| {
+            let patches = &asset.patches[object.patches.clone()];
+            let area: f64 = patches.iter().flat_map(|patch| patch.points().area).map(|area| f64::from(*area)).sum();
+            object_bytes(entry) as f64 / area.max(f64::MIN_POSITIVE)
+        })
+        .collect();
+    // A decade of bytes either side of the median: what stands out is what matters.
+    let mut sorted = density.clone();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0);
+    let color = |object: usize| match map {
+        Map::Technique => {
+            let index = techniques.iter().position(|name| *name == entries[object].technique).unwrap_or(0);
+            TECHNIQUE_COLORS[index % TECHNIQUE_COLORS.len()]
+        }
+        _ => heat(((density[object] / median).log10() as f32 + 1.0) / 2.0),
+    };
+    let rays = CameraRays::new(&camera, size[0], size[1])?;
+    for (object, asset_object) in asset.objects.iter().enumerate() {
+        let tint = color(object);
+        for patch in &asset.patches[asset_object.patches.clone()] {
+            for (_, position) in patch.points().position.iter().enumerate().filter(|(i, _)| view.points[patch.points.start + i]) {
+                let [x, y, w] = rays.homogeneous(*position);
+                let [x, y] = [x / w, y / w].map(f64::floor);
+                // A dot of 3 x 3 pixels, so that even sparse points colour their surface.
+                for (dx, dy) in (0..9).map(|k| (f64::from(k % 3 - 1), f64::from(k / 3 - 1))) {
+                    let (x, y) = (x + dx, y + dy);
+                    if w > 0.0 && x >= 0.0 && y >= 0.0 && x < size[0] as f64 && y < size[1] as f64 {
+                        image.pixels[y as usize * size[0] + x as usize] = tint;
+                    }
+                }
+            }
+        }
+    }
+    write_image(&image, output, 1.0)?;
+    let mut summary = Summary::new();
+    summary.set("image", output.display().to_string());
+    if map == Map::Technique {
+        let legend: Vec<Value> =
+            (techniques.iter().zip(TECHNIQUE_COLORS)).map(|(name, color)| json!({ "technique": name, "color": color })).collect();
+        summary.set("legend", legend);
+    } else {
+        summary
+            .set("bytes_per_square_metre.median", median)
+            .set("bytes_per_square_metre.blue", median / 10.0)
+            .set("bytes_per_square_metre.red", median * 10.0);
+    }
+    Ok(summary)
+}
+
+/// Blue at 0 over green to red at 1.
+fn heat(share: f32) -> [f32; 3] {
+    let t = share.clamp(0.0, 1.0);
+    [(2.0 * t - 1.0).max(0.0), 1.0 - (2.0 * t - 1.0).abs(), (1.0 - 2.0 * t).max(0.0)].map(|c| 0.08 + 0.85 * c)
 }
 
 /// Clay under an even sky, with a dot at every point that the picture is interpolated from; buried points red.

@@ -41,10 +41,12 @@ impl Loaded {
         let loaded = input.load(memory)?;
         drop(stage);
         // Where no edge length is pinned, points are counted until one fits the budget.
-        let _stage = Stage::begin(context.progress(), "measure", None, "points");
+        let stage = Stage::begin(context.progress(), "measure", None, "points");
         let scene = loaded.scene;
         let world = World::build(&scene);
-        let settings = Settings::resolve(&input.manifest, &loaded.knobs, &scene, &world, knobs.points, memory)?;
+        let mut settings = Settings::resolve(&input.manifest, &loaded.knobs, &scene, &world, knobs.points, memory)?;
+        drop(stage);
+        settings.meet_budgets(&scene, &world, context.progress())?;
         Ok(Loaded { input, scene, world, settings, knobs: knobs.clone() })
     }
 }

@@ -5,6 +5,7 @@
 mod args;
 mod bake;
 mod batch;
+mod budgets;
 mod chart;
 mod check;
 mod completions;

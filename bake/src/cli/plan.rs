@@ -3,7 +3,7 @@
 use super::args::{BakeKnobs, SceneArgs};
 use super::bake::{RebakeArgs, default_asset, default_store, round};
 use super::loaded::Loaded;
-use super::{Context, Failure, Summary, reasons};
+use super::{Context, Failure, Summary, budgets, reasons};
 use clap::Args;
 use prelight_bake::plan::changes::Reason;
 use prelight_bake::plan::estimate::{Estimate, estimate};
@@ -37,7 +37,7 @@ pub struct PlanArgs {
 /// Runs the verb.
 pub fn run(args: PlanArgs, context: &Context) -> Result<Summary, Failure> {
     let mut loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
-    RebakeArgs { only: args.only.clone(), paranoid: None }.apply(&mut loaded)?;
+    RebakeArgs { only: args.only.clone(), ..RebakeArgs::default() }.apply(&mut loaded)?;
     let estimate = estimate(&loaded.scene, &loaded.world, &loaded.settings, context.jobs, context.progress())?;
     let objects: Vec<(&str, u64)> =
         loaded.scene.objects.iter().map(|object| object.name.as_str()).zip(estimate.points.iter().copied()).collect();
@@ -52,6 +52,9 @@ pub fn run(args: PlanArgs, context: &Context) -> Result<Summary, Failure> {
         .set("bytes.memory", estimate.bytes_memory)
         .set("seconds.estimate", estimate.seconds)
         .set("objects", objects.iter().map(|(name, points)| serde_json::json!({ "name": name, "points": points })).collect::<Vec<_>>());
+    if !loaded.settings.choices.is_empty() {
+        summary.set("budgets", budgets::to_json(&loaded));
+    }
     let (stale, reasons) = rebake(&args, &loaded, context)?;
     let mut text = text(&loaded, &estimate, objects, context.jobs);
     if let Some(stale) = stale {
@@ -105,6 +108,7 @@ fn text(loaded: &Loaded, estimate: &Estimate, mut objects: Vec<(&str, u64)>, job
         "to bake",
         format!("up to {} of memory, about {:.0} s on {jobs} threads", ByteSize(estimate.bytes_memory), estimate.seconds.max(1.0)),
     );
+    budgets::lines(loaded).into_iter().enumerate().for_each(|(i, line)| row(if i == 0 { "budget" } else { "" }, line));
     objects.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
     row("", String::new());
     for (name, points) in objects.iter().take(LISTED) {

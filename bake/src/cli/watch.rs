@@ -32,6 +32,9 @@ pub struct WatchArgs {
     pub output: Option<PathBuf>,
     #[command(flatten)]
     pub knobs: BakeKnobs,
+    /// Write a coarse asset first, then finer ones
+    #[arg(long)]
+    pub preview: bool,
     /// Look at the inputs every second instead of asking the system: for network drives that tell nothing
     #[arg(long)]
     pub poll: bool,
@@ -103,7 +106,7 @@ fn round(args: &WatchArgs, before: &mut Option<Fingerprint>, context: &Context) 
         let kinds: serde_json::Map<String, Value> = changes.into_iter().map(|(kind, names)| (kind.to_string(), names.into())).collect();
         context.reporter.event(json!({ "event": "changed", "changes": kinds }));
     }
-    let summary = bake_loaded(&loaded, args.output.clone(), start, context)?;
+    let summary = bake_loaded(&loaded, args.output.clone(), args.preview, start, context)?;
     *before = Some(now);
     Ok(summary)
 }

@@ -20,6 +20,7 @@ use crate::bake::BakeOptions;
 use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::key::Hasher;
+use crate::plan::patch::PATCH_ORDER;
 use crate::plan::shaft::{Bounds, reached_cells};
 use crate::plan::snapshot::{Snapshot, SnapshotPiece};
 use crate::scene::Scene;
@@ -164,10 +165,10 @@ pub fn object_keys(scene: &Scene, options: &BakeOptions, wanted: &(dyn Fn(usize)
 
 fn object_key(scene: &Scene, options: &BakeOptions, object: usize, textures: &BTreeMap<u32, [u8; 32]>) -> Digest {
     // Named one by one: a new knob must find its way into the key.
-    let PointParams { edge_length, normal_angle_deg, area_floor, max_level, max_triangles } = options.points[object];
+    let PointParams { edge_length, normal_angle_deg, area_floor, max_level, coarser, max_triangles } = options.points[object];
     let source = &scene.objects[object];
     let mut hasher = Hasher::new("prelight object");
-    hasher.words(&[options.face_resolution, max_level, max_triangles]);
+    hasher.words(&[options.face_resolution, max_level, max_triangles, u32::from(coarser), PATCH_ORDER]);
     hasher.floats(&[edge_length, normal_angle_deg, area_floor]);
     source.world_from_local.iter().for_each(|value| hasher.bytes(&value.to_le_bytes()));
     let base = base_chunk(&source.mesh);

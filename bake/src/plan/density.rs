@@ -29,12 +29,16 @@ impl Density {
 
 /// Edge length for a budget of points; the other knobs come from `params`.
 ///
-/// `asked`: a budget that somebody asked for, kept as far as the base mesh lets it. Without one, `preset` points or twice the base mesh's.
+/// `asked`: a budget that somebody asked for, kept as far as the base mesh lets it. Without one, `preset` points or twice the base mesh's;
+/// `preset` alone where the bake may be coarser than the mesh.
 /// The result does not depend on threads.
 pub fn density(scene: &Scene, world: &World, params: &PointParams, asked: Option<u64>, preset: u64) -> Result<Density, PlanError> {
     let objects = BaseMesh::build_all(scene, world);
     let count = |params: &PointParams| -> Vec<u64> { objects.par_iter().map(|base| count_object(base, params, u64::MAX).points).collect() };
     let budget = asked.unwrap_or_else(|| {
+        if params.coarser {
+            return preset;
+        }
         let unrefined = PointParams { max_level: 0, ..*params };
         preset.max(count(&unrefined).iter().sum::<u64>().saturating_mul(2))
     });

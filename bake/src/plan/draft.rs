@@ -24,13 +24,12 @@ pub(super) struct Drafts {
 }
 
 impl Drafts {
-    /// Of the refined points from `first_new` on.
-    pub fn new(base: &BaseMesh, refined: &Refined, first_new: usize, edge_length: f32) -> Drafts {
+    /// Of some refined points; `level` in place of their own, where they come later than their level.
+    pub fn new(base: &BaseMesh, refined: &Refined, points: &[u32], level: Option<u8>, edge_length: f32) -> Drafts {
         let (holders, lattice) = (Holders::new(base), Lattice::new(base));
-        let n_new = refined.level.len() - first_new;
-        let mut drafts = Drafts { sides: Vec::with_capacity(n_new), excluded: Vec::with_capacity(n_new) };
+        let mut drafts = Drafts { sides: Vec::with_capacity(points.len()), excluded: Vec::with_capacity(points.len()) };
         let mut held = Vec::new();
-        for point in first_new..refined.level.len() {
+        for point in points.iter().map(|point| *point as usize) {
             let home = refined.home[point];
             holders.of(home.base, home.weights(), &mut held);
             let [x, y, z] = base.corner_points(home.base).map(|p| wide(base.local[p as usize]));
@@ -38,7 +37,7 @@ impl Drafts {
             let code = lattice.code((x * weights[0] + y * weights[1] + z * weights[2]).to_array());
             let double_sided = base.primitives[refined.points.primitive[point] as usize].double_sided;
             for back in [false, true].into_iter().take(if double_sided { 2 } else { 1 }) {
-                let place = Place { level: refined.level[point], back, axis: 0, code, point: point as u32 };
+                let place = Place { level: level.unwrap_or(refined.level[point]), fine: false, back, axis: 0, code, point: point as u32 };
                 drafts.push(base, refined, place, &held, edge_length);
             }
         }

@@ -8,6 +8,7 @@
 mod attributes;
 pub mod buried;
 pub mod changes;
+pub(crate) mod coarse;
 pub mod density;
 mod draft;
 pub mod estimate;
@@ -18,6 +19,7 @@ pub mod params;
 pub mod patch;
 pub mod pieces;
 pub mod points;
+pub mod preview;
 pub mod shaft;
 pub mod snapshot;
 pub mod stale;

@@ -18,6 +18,8 @@ pub struct PointParams {
     pub area_floor: f32,
     /// Times that a base edge may be halved, 0..=[`DEEPEST_LEVEL`].
     pub max_level: u32,
+    /// Where the mesh is finer than `edge_length`, only some of its points are baked ([`super::coarse`]).
+    pub coarser: bool,
     /// Refined triangles of one object; more is an error that says so, not an allocation.
     pub max_triangles: u32,
 }
@@ -30,6 +32,7 @@ impl PointParams {
             normal_angle_deg: knobs.normal_angle_deg as f32,
             area_floor: knobs.area_floor as f32,
             max_level: DEEPEST_LEVEL,
+            coarser: knobs.coarser,
             max_triangles: 1 << 26,
         }
     }

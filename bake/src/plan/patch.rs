@@ -5,6 +5,9 @@
 //! side of its bounds. A cell of the binary tree over the Morton bits is a patch when it holds at most 256 points and its parent
 //! does not. The split path of that cell is in the name, so points added elsewhere, or at another level, never rename a patch.
 //!
+//! Base points that are many (a side and axis with more than 1024) come in two runs: first one from each cell of at most 32, then the rest
+//! (*fine*). So the first patches of an object are spread over all of it, and few: a preview ([`super::preview`]) needs nothing else.
+//!
 //! Each point lies in one cell: where DESIGN gives a border point to the patch with the smallest name there is nothing to decide.
 
 use super::weld::BaseMesh;
@@ -12,6 +15,10 @@ use prelight_runtime::asset::points::PATCH_POINTS;
 
 /// Bits of a Morton code: 21 an axis.
 const CODE_BITS: u32 = 63;
+/// Base points of a side and axis up to which all come first.
+const FEW: usize = 1024;
+/// Base points of which one comes first, where they are more.
+const ONE_OF: usize = 32;
 /// Cells along an axis.
 const CELLS: f64 = (1u32 << 21) as f64;
 
@@ -20,6 +27,8 @@ const CELLS: f64 = (1u32 << 21) as f64;
 pub struct PatchName {
     /// Round of refinement that made its points: 0 for base points, [`FIRST_LEAK_LEVEL`] and up for those that leaks asked for.
     pub level: u8,
+    /// Base points that come second.
+    pub fine: bool,
     /// The back of a double-sided surface.
     pub back: bool,
     /// Dominant axis of the geometric normal: 0..6 for +X −X +Y −Y +Z −Z.
@@ -31,6 +40,9 @@ pub struct PatchName {
     /// Which of several runs in one cell of the last depth; 0 otherwise.
     pub run: u32,
 }
+
+/// Version of the order of patches: records of whole objects depend on it, records of patches do not.
+pub const PATCH_ORDER: u32 = 2;
 
 /// Levels from here on are rounds of [`crate::refine::split_differing`].
 pub const FIRST_LEAK_LEVEL: u8 = 16;
@@ -109,6 +121,7 @@ pub(crate) fn dominant_axis(n: [f32; 3]) -> u8 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Place {
     pub level: u8,
+    pub fine: bool,
     pub back: bool,
     pub axis: u8,
     pub code: u64,
@@ -116,13 +129,39 @@ pub(crate) struct Place {
     pub point: u32,
 }
 
+/// Marks all but some base points as fine.
+pub(crate) fn thin_out(places: &mut [Place]) {
+    let n_base = places.iter().filter(|place| place.level == 0).count();
+    if n_base <= FEW {
+        return;
+    }
+    places.sort_unstable();
+    for group in places[..n_base].chunk_by_mut(|a, b| (a.back, a.axis) == (b.back, b.axis)) {
+        if group.len() > FEW {
+            thin_cell(group, 0, 0);
+        }
+    }
+}
+
+/// Depth is at most 63, so is the recursion's.
+fn thin_cell(places: &mut [Place], cell: u64, depth: u32) {
+    if places.len() <= ONE_OF || depth == CODE_BITS {
+        places.iter_mut().skip(1).for_each(|place| place.fine = true);
+        return;
+    }
+    let upper = cell | 1 << (CODE_BITS - 1 - depth);
+    let (below, above) = places.split_at_mut(places.partition_point(|place| place.code < upper));
+    thin_cell(below, cell, depth + 1);
+    thin_cell(above, upper, depth + 1);
+}
+
 /// Cuts sorted places into patches; the first point has index `first`.
 pub(crate) fn cut_patches(places: &[Place], first: u32) -> Vec<Patch> {
     let mut patches = Vec::new();
     let mut start = 0;
-    for group in places.chunk_by(|a, b| (a.level, a.back, a.axis) == (b.level, b.back, b.axis)) {
-        let Place { level, back, axis, .. } = group[0];
-        let root = PatchName { level, back, axis, cell: 0, depth: 0, run: 0 };
+    for group in places.chunk_by(|a, b| (a.level, a.fine, a.back, a.axis) == (b.level, b.fine, b.back, b.axis)) {
+        let Place { level, fine, back, axis, .. } = group[0];
+        let root = PatchName { level, fine, back, axis, cell: 0, depth: 0, run: 0 };
         cut_cell(group, first + start, root, &mut patches);
         start += group.len() as u32;
     }
@@ -156,7 +195,7 @@ mod tests {
 
     fn places(codes: impl Iterator<Item = u64>) -> Vec<Place> {
         let mut places: Vec<Place> =
-            codes.enumerate().map(|(i, code)| Place { level: 0, back: false, axis: 2, code, point: i as u32 }).collect();
+            codes.enumerate().map(|(i, code)| Place { level: 0, fine: false, back: false, axis: 2, code, point: i as u32 }).collect();
         places.sort_unstable();
         places
     }

@@ -11,16 +11,18 @@
 //! | area | a third of the refined triangles around it, summed in f64 in mesh order |
 //! | origin, excluded triangles | [`super::origin`] |
 
+use super::coarse::{Stand, representatives, stand_ins};
 use super::draft::Drafts;
 use super::origin::area_normal;
 use super::params::{PlanError, PointParams};
-use super::patch::{Patch, PatchName, Place, cut_patches};
+use super::patch::{FIRST_LEAK_LEVEL, Patch, PatchName, Place, cut_patches, thin_out};
 use super::weld::{BaseMesh, narrow, wide};
+use crate::refine::edge::EdgeTable;
 use crate::refine::{Refined, refine};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::TraceOrigin;
-use prelight_runtime::asset::mesh::{Mesh, NO_POINT};
+use prelight_runtime::asset::mesh::{BLENDED, Blend, Mesh, NO_POINT};
 use prelight_runtime::asset::points::{BACK_SIDE, BURIED, Points};
 use std::sync::Arc;
 
@@ -53,6 +55,8 @@ pub struct ObjectPlan {
     pub(crate) back: Vec<u32>,
     /// `[points]` the refined point behind it.
     pub(crate) source: Vec<u32>,
+    /// What stands in for refined points that are not baked, ascending; empty unless the bake is coarser than the mesh.
+    pub(crate) stands: Vec<Stand>,
     /// Rounds of [`crate::refine::split_differing`] so far.
     pub(crate) leak_rounds: u8,
     /// Excluded triangles of point i: `excluded[excluded_start[i]..excluded_start[i + 1]]`.
@@ -68,7 +72,13 @@ pub fn plan_object(scene: &Scene, world: &World, object: usize, params: &PointPa
     let base = Arc::new(BaseMesh::build(scene, world, object));
     let refined = refine(&base, params)?;
     let mut plan = ObjectPlan { object: object as u32, excluded_start: vec![0], base, refined, ..ObjectPlan::default() };
-    plan.append(0, params);
+    let mut baked = vec![true; plan.refined.level.len()];
+    if params.coarser {
+        baked = representatives(&plan.base, &plan.refined, params);
+        plan.stands = stand_ins(&plan.refined, params.edge_length, &mut baked);
+    }
+    let points: Vec<u32> = (0..baked.len() as u32).filter(|point| baked[*point as usize]).collect();
+    plan.append(&points, None, params);
     Ok(plan)
 }
 
@@ -129,27 +139,85 @@ impl ObjectPlan {
     pub fn mesh(&self) -> ObjectMesh {
         let vertices = &self.refined.vertices;
         let of = |values: &[[f32; 3]]| vertices.point.iter().map(|&p| values[p as usize]).collect();
+        let mut blends = Vec::new();
+        let front = self.lit(&self.front, &mut blends);
+        let back = self.lit(&self.back, &mut blends);
         let points = |side: &[u32]| vertices.point.iter().map(|&p| side[p as usize]).collect();
         let material = |base: u32| self.base.primitives[self.base.triangles[base as usize].primitive as usize].material;
         ObjectMesh {
             position: of(&self.refined.points.position),
             normal: of(&self.refined.points.normal),
-            point_front: points(&self.front),
-            point_back: points(&self.back),
+            point_front: points(&front),
+            point_back: points(&back),
             triangles: self.refined.triangles.iter().map(|t| t.vertices).collect(),
             material: self.refined.triangles.iter().map(|t| material(t.base)).collect(),
             uv0: vertices.uv[0].clone(),
             uv1: vertices.uv[1].clone(),
             tangent: vertices.tangent.clone(),
             color: vertices.color.clone(),
+            blends,
         }
     }
 
-    /// Adds the refined points from `first_new` on as patches of their own, and sums the areas anew.
-    pub(crate) fn append(&mut self, first_new: usize, params: &PointParams) {
+    /// What lights one side of each refined point, as the mesh chunk says it.
+    fn lit(&self, side: &[u32], blends: &mut Vec<Blend>) -> Vec<u32> {
+        let mut lit = side.to_vec();
+        for stand in &self.stands {
+            let points = stand.sources.map(|source| side[source as usize]);
+            if !points.contains(&NO_POINT) {
+                lit[stand.point as usize] = BLENDED + blends.len() as u32;
+                blends.push(Blend { points, weights: stand.weights });
+            }
+        }
+        lit
+    }
+
+    /// Bakes points that something stood in for: those of which two sources differ. `None` when there is none.
+    ///
+    /// `differs` is as in [`crate::refine::split_differing`]. Points so far keep their indices, patches, names and flags.
+    pub(crate) fn without_leaking_stands(&self, params: &PointParams, differs: &dyn Fn(u32, u32) -> bool) -> Option<ObjectPlan> {
+        let level = FIRST_LEAK_LEVEL.checked_add(self.leak_rounds)?;
+        let mut asked = EdgeTable::default();
+        let mut leaks = |stand: &&Stand| {
+            let mut leaks = false;
+            for (k, &a) in stand.sources.iter().enumerate() {
+                for &b in stand.sources[..k].iter().filter(|b| **b != a) {
+                    let differ = |side: &[u32]| {
+                        let (i, j) = (side[a as usize], side[b as usize]);
+                        i != NO_POINT && j != NO_POINT && differs(i.min(j), i.max(j))
+                    };
+                    let known = asked.get(a, b);
+                    let answer = known.unwrap_or_else(|| u32::from(differ(&self.front) || differ(&self.back)));
+                    asked.get_or_insert(a, b, answer);
+                    leaks |= answer == 1;
+                }
+            }
+            leaks
+        };
+        let points: Vec<u32> = self.stands.iter().filter(&mut leaks).map(|stand| stand.point).collect();
+        if points.is_empty() {
+            return None;
+        }
+        let mut next = self.clone();
+        let mut baked = vec![true; next.refined.level.len()];
+        next.stands.iter().for_each(|stand| baked[stand.point as usize] = false);
+        points.iter().for_each(|point| baked[*point as usize] = true);
+        next.stands = stand_ins(&next.refined, params.edge_length, &mut baked);
+        let is_new = |point: &u32| baked[*point as usize] && next.front[*point as usize] == NO_POINT;
+        let points: Vec<u32> = (0..baked.len() as u32).filter(is_new).collect();
+        next.leak_rounds += 1;
+        next.append(&points, Some(level), params);
+        Some(next)
+    }
+
+    /// Adds refined points as patches of their own, and sums the areas anew. `level` as in [`Drafts::new`].
+    pub(crate) fn append(&mut self, points: &[u32], level: Option<u8>, params: &PointParams) {
         let first_point = self.n_points();
-        let drafts = Drafts::new(&self.base, &self.refined, first_new, params.edge_length);
+        let drafts = Drafts::new(&self.base, &self.refined, points, level, params.edge_length);
         let mut places: Vec<Place> = (drafts.sides.iter().zip(0..)).map(|(d, point)| Place { point, ..d.place }).collect();
+        if level.is_none() {
+            thin_out(&mut places);
+        }
         places.sort_unstable();
         self.patches.extend(cut_patches(&places, first_point as u32));
         self.front.resize(self.refined.level.len(), NO_POINT);
@@ -185,7 +253,7 @@ impl ObjectPlan {
     }
 
     /// Areas of all points: splitting triangles changes those of old points too.
-    fn sum_areas(&mut self) {
+    pub(super) fn sum_areas(&mut self) {
         let refined = &self.refined;
         let mut sums = vec![0.0f64; refined.level.len()];
         for triangle in &refined.triangles {
@@ -193,6 +261,10 @@ impl ObjectPlan {
             let corners = points.map(|p| refined.points.position[p as usize]);
             let share = area_normal(&corners).length() / 6.0;
             points.iter().for_each(|&p| sums[p as usize] += share);
+        }
+        for stand in &self.stands {
+            let sum = sums[stand.point as usize];
+            stand.sources.iter().zip(stand.weights).for_each(|(&p, weight)| sums[p as usize] += sum * f64::from(weight));
         }
         self.area = self.source.iter().map(|&p| sums[p as usize] as f32).collect();
     }
@@ -205,9 +277,9 @@ pub struct ObjectMesh {
     pub position: Vec<[f32; 3]>,
     /// Front shading normal.
     pub normal: Vec<[f32; 3]>,
-    /// Point that shades the front.
+    /// Point that shades the front, or [`NO_POINT`], or [`BLENDED`] + index into `blends`.
     pub point_front: Vec<u32>,
-    /// Point that shades the back, or [`NO_POINT`].
+    /// The same for the back.
     pub point_back: Vec<u32>,
     /// Vertex indices.
     pub triangles: Vec<[u32; 3]>,
@@ -221,6 +293,8 @@ pub struct ObjectMesh {
     pub tangent: Vec<[f32; 4]>,
     /// Linear RGBA, or empty. One where a primitive of the object has none.
     pub color: Vec<[f32; 4]>,
+    /// What lights vertices without a point of their own.
+    pub blends: Vec<Blend>,
 }
 
 impl ObjectMesh {
@@ -237,6 +311,7 @@ impl ObjectMesh {
             uv1: &self.uv1,
             tangent: &self.tangent,
             color: &self.color,
+            blends: &self.blends,
         }
     }
 }

@@ -98,6 +98,14 @@ struct Sums {
 }
 
 impl Sums {
+    /// Adds a share of another footprint.
+    fn add(&mut self, other: Sums, share: f64) {
+        self.weight += other.weight * share;
+        self.alpha_squared += other.alpha_squared * share;
+        self.metallic += other.metallic * share;
+        self.normal += other.normal * share;
+    }
+
     fn finish(&self, material: &Material, front_normal: [f32; 3], back: bool, sample: &mut PointSample) {
         if self.weight <= 0.0 {
             return;
@@ -147,6 +155,10 @@ impl Footprints {
             if is_textured(material) {
                 footprints.add(scene, plan, triangle, material);
             }
+        }
+        for stand in &plan.stands {
+            let sums = footprints.sums[stand.point as usize];
+            stand.sources.iter().zip(stand.weights).for_each(|(p, weight)| footprints.sums[*p as usize].add(sums, f64::from(weight)));
         }
         footprints
     }

@@ -2,10 +2,12 @@
 //!
 //! A base triangle is refined by its own edges only, so its refined triangles F can be counted by itself, and the pieces that its
 //! edges end in, B, likewise. Euler's formula for a triangulated disc gives its inner points: 1 + (F − B)/2. Points on base edges are
-//! counted once an edge of the welded mesh. Exact but for edges that are split because a neighbour across a hard edge asks for it.
+//! counted once an edge of the welded mesh. Where the bake is coarser than the mesh, the base points that are left out are taken off: those
+//! of refinement are counted whole, so a little too many. Else exact but for edges that are split because a neighbour across a hard edge asks for it.
 
 use super::cells::{Cut, cut};
 use super::edge::{EdgeRule, End, edge_key, mean_normal, midpoint};
+use crate::plan::coarse::count_representatives;
 use crate::plan::params::{PlanError, PointParams};
 use crate::plan::weld::{BaseMesh, wide};
 use glam::DVec3;
@@ -44,6 +46,11 @@ pub fn count_object(base: &BaseMesh, params: &PointParams, enough: u64) -> Point
     edges.dedup_by_key(|e| e.0);
     for (key, primitive) in edges {
         points += sides(primitive) * (counter.pieces(end((key >> 32) as u32), end(key as u32)) - 1);
+    }
+    if params.coarser {
+        // Points that refinement adds are an edge length apart already.
+        let (baked, all) = count_representatives(base, params);
+        points -= all - baked;
     }
     PointCount { points, triangles: counter.faces }
 }
@@ -92,7 +99,8 @@ impl Cut for Counter {
 /// Smallest edge length, to three digits, at which the objects have at most `target_points` points; the other knobs come from `params`,
 /// the area floor follows the edge length.
 ///
-/// Never longer than the longest base edge, where the mesh's own density begins: a target below the base points gives that. Objects are
+/// Never longer than the longest base edge, where the mesh's own density begins (a target below the base points gives that), unless the bake
+/// may be coarser than the mesh. Objects are
 /// counted in parallel; the result does not depend on threads. Meant to be called once, printed, and pinned in the scene's manifest.
 pub fn edge_length_for_points(objects: &[BaseMesh], params: &PointParams, target_points: u64) -> Result<f32, PlanError> {
     params.check()?;
@@ -110,6 +118,12 @@ pub fn edge_length_for_points(objects: &[BaseMesh], params: &PointParams, target
         total.points <= target_points && total.triangles <= enough
     };
     let mut upper = round_up(longest);
+    for _ in 0..if params.coarser { 16 } else { 0 } {
+        if fits(upper) {
+            break;
+        }
+        upper *= 2.0;
+    }
     let mut lower = upper;
     while fits(lower) {
         upper = lower;

@@ -42,8 +42,8 @@ pub fn split_differing(
     next.refined.triangles.append(&mut children);
     next.refined.triangles.sort_by_key(|t| t.base);
     next.leak_rounds += 1;
-    let first_new = plan.refined.level.len();
-    next.append(first_new, params);
+    let new: Vec<u32> = (plan.refined.level.len() as u32..next.refined.level.len() as u32).collect();
+    next.append(&new, None, params);
     Ok(Some(next))
 }
 

@@ -26,6 +26,8 @@ const DEFAULT_CUTOFF: f32 = 0.5;
 pub struct ObjectKnobs {
     /// Edge length aimed at, metres; `None` where neither `[bake]` nor a rule sets one.
     pub edge_length: Option<f64>,
+    /// Error that `[bake]` or a rule asks for by name; `None` where only a preset has one.
+    pub max_error: Option<f64>,
     /// Faces without normals are smoothed up to this angle, degrees; `None`: they are flat.
     pub smooth_angle_deg: Option<f64>,
     /// How transport is represented; never `Auto`.
@@ -180,6 +182,8 @@ pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec
                 section.quality = rule.quality.unwrap_or(section.quality);
                 section.technique = rule.technique.unwrap_or(section.technique);
                 section.edge_length = rule.edge_length.or(section.edge_length);
+                section.max_error = rule.max_error.or(section.max_error);
+                section.coarser = rule.coarser.or(section.coarser);
                 section.smooth_angle_deg = rule.smooth_angle_deg.or(section.smooth_angle_deg);
                 *layer = rule.layer.or(*layer);
                 n_matches += 1;
@@ -192,6 +196,7 @@ pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec
     let resolve = |(section, layer): (prelight_manifests::scene::BakeSection, Option<u8>)| ObjectKnobs {
         layer,
         edge_length: section.edge_length,
+        max_error: section.max_error,
         smooth_angle_deg: section.smooth_angle_deg,
         technique: section.technique.resolved(),
         knobs: section.knobs(),

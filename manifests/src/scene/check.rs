@@ -84,6 +84,7 @@ pub fn check(manifest: &SceneManifest, file: &str, text: &str) -> Result<(), Man
     for (i, rule) in manifest.object.iter().enumerate() {
         checker.not_empty(&format!("object[{i}].match"), &rule.pattern)?;
         checker.edge_length(&format!("object[{i}].edge_length"), rule.edge_length)?;
+        checker.within(&format!("object[{i}].max_error"), rule.max_error, 1e-4, 1.0)?;
         checker.within(&format!("object[{i}].smooth_angle_deg"), rule.smooth_angle_deg, 0.0, 180.0)?;
         if let Some(layer) = rule.layer.filter(|layer| *layer > 3) {
             return Err(checker.range(&format!("object[{i}].layer"), layer, "0, 1, 2 or 3"));

@@ -85,7 +85,7 @@ pub struct BakeSection {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub edge_length: Option<f64>,
-    /// Relative L2 of radiance aimed at, per object, 0.0001 to 1.
+    /// Relative L2 of diffuse radiance aimed at between points, per object, 0.0001 to 1. Written here, it chooses each object's edge length.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0001, max = 1.0))]
     pub max_error: Option<f64>,
@@ -108,6 +108,9 @@ pub struct BakeSection {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.001, max = 1.0))]
     pub area_floor: Option<f64>,
+    /// Bakes fewer points than the mesh has vertices where it is finer than `edge_length`; the other vertices interpolate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coarser: Option<bool>,
     /// Texels along the side of a cubemap face, 64 or 128.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("enum" = [64, 128]))]
@@ -126,6 +129,7 @@ impl BakeSection {
             normal_angle_deg: self.normal_angle_deg.unwrap_or(preset.normal_angle_deg),
             area_floor: self.area_floor.unwrap_or(preset.area_floor),
             max_error: self.max_error.unwrap_or(preset.max_error),
+            coarser: self.coarser.unwrap_or(preset.coarser),
             face_resolution: self.face_resolution.unwrap_or(preset.face_resolution),
             bvh: self.bvh.unwrap_or(preset.bvh),
         }
@@ -253,6 +257,13 @@ pub struct ObjectRule {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub edge_length: Option<f64>,
+    /// Error aimed at between its points, as the key of `[bake]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0001, max = 1.0))]
+    pub max_error: Option<f64>,
+    /// Bakes fewer points than its mesh has vertices, as the key of `[bake]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coarser: Option<bool>,
     /// Smooths it where its file has no normals, as the key of `[bake]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 180.0))]

@@ -27,11 +27,15 @@ impl Template {
             Some(metres) => knob(&format!("edge_length = {metres:?}"), &format!("metres; {}", one_line(&self.edge_length_reason))),
             None => knob("# edge_length = 0.05", "metres; `prelight plan --points 200000` prints one for a budget"),
         };
-        let max_error = knob(&format!("# max_error = {:?}", knobs.max_error), "relative L2 of radiance aimed at, per object");
+        let max_error = knob(
+            &format!("# max_error = {:?}", knobs.max_error),
+            "diffuse error between points, per object; written out, it chooses edge lengths",
+        );
         let angle = knob(&format!("# normal_angle_deg = {:?}", knobs.normal_angle_deg), "edges whose end normals differ by more are split");
         let smooth = knob("# smooth_angle_deg = 40.0", "smooths surfaces whose file has no normals; without it they are flat");
         let floor =
             knob(&format!("# area_floor = {:?}", knobs.area_floor), "edges at shadow borders are split down to this share of edge_length");
+        let coarser = knob("# coarser = false", "true: fewer points than vertices where the mesh is finer than edge_length");
         let face = knob(&format!("# face_resolution = {}", knobs.face_resolution), "texels along the side of a cubemap face: 64 or 128");
         let material = quote(&glob_of(self.materials.first().map_or("Vase", String::as_str)));
         let object = quote(&glob_of(self.objects.first().map_or("**/Sofa", String::as_str)));
@@ -59,6 +63,7 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 {angle}
 {smooth}
 {floor}
+{coarser}
 {face}
 # bvh = "medium"             # fast | medium | slow to build; changes no bit of the result
 

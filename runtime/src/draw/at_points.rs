@@ -64,7 +64,7 @@ pub fn draw_at_points(scene: &DrawScene, visibility: &Visibility) -> Result<Poin
 fn at_point(shader: &Shader, triangle: u32, x: usize, y: usize) -> Option<([f32; 3], [f32; 3])> {
     let gathered = shader.gather(triangle)?;
     let there = gathered.edges.weights(x as f64 + 0.5, y as f64 + 0.5);
-    let nearest = (0..3).filter(|k| gathered.points[*k].is_some()).max_by(|a, b| there[*a].total_cmp(&there[*b]))?;
+    let nearest = (0..3).filter(|k| gathered.points[*k].n == 1).max_by(|a, b| there[*a].total_cmp(&there[*b]))?;
     let at = |far: f32| std::array::from_fn(|k| if k == nearest { 1.0 - 2.0 * far } else { far });
     let target = blend_corners(at(INSET), gathered.corners.map(|v| gathered.mesh.position[v]));
     let eye = shader.visibility.rays.eye();

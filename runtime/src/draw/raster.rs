@@ -17,7 +17,7 @@
 
 use super::camera::{Camera, CameraRays, cross, dot};
 use super::threads::map_indices;
-use crate::asset::mesh::{Mesh, NO_POINT};
+use crate::asset::mesh::Mesh;
 use crate::error::RuntimeError;
 use crate::surface::{AlphaMode, Material, Texture, resolve_alpha};
 
@@ -218,9 +218,10 @@ impl Visibility {
             let mesh = &meshes[object];
             let corners = mesh.triangles[triangle];
             let edges = Edges::new(corners.map(|v| self.rays.homogeneous(mesh.position[v as usize])));
-            let points = if edges.is_some_and(|edges| edges.front) { mesh.point_front } else { mesh.point_back };
-            for point in corners.map(|v| points[v as usize]).into_iter().filter(|p| *p != NO_POINT) {
-                visible[object][point as usize] = true;
+            let front = edges.is_some_and(|edges| edges.front);
+            for v in corners.map(|v| v as usize) {
+                let lit = if front { mesh.front(v) } else { mesh.back(v) };
+                lit.shares().for_each(|(point, _)| visible[object][point as usize] = true);
             }
         }
         visible

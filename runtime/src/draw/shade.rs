@@ -21,7 +21,7 @@ use super::camera::Camera;
 use super::image::Image;
 use super::raster::{Edges, Fragment, TILE, TileFragments, Visibility, blend_corners};
 use super::threads::map_indices;
-use crate::asset::mesh::{Mesh, NO_POINT};
+use crate::asset::mesh::{Lit, Mesh};
 use crate::asset::points::BURIED;
 use crate::brdf::{Measured, Place};
 use crate::error::RuntimeError;
@@ -113,8 +113,7 @@ pub fn draw_visible(scene: &DrawScene, visibility: &Visibility) -> Result<Frame,
 /// Every object has light for the points that its mesh names.
 pub(super) fn check_light(scene: &DrawScene) -> Result<(), RuntimeError> {
     for object in scene.objects {
-        let points = object.mesh.point_front.iter().chain(object.mesh.point_back).filter(|p| **p != NO_POINT);
-        let needed = points.max().map_or(0, |p| *p as usize + 1);
+        let needed = object.mesh.n_points();
         let short = |len: usize, may_lack: bool| len < needed && !(may_lack && len == 0);
         if short(object.irradiance.len(), false)
             || short(object.glossy.len(), true)
@@ -136,7 +135,7 @@ pub(super) struct Gathered<'a> {
     pub(super) mesh: &'a Mesh<'a>,
     object: &'a DrawObject<'a>,
     /// Points that light the visible side; `None` for corners that leave the interpolation.
-    pub(super) points: [Option<usize>; 3],
+    pub(super) points: [Shares; 3],
     material: Option<&'a Material>,
     /// Texels along u and v of the largest texture, [0, 0] without textures.
     texels: [f32; 2],
@@ -280,11 +279,10 @@ impl<'a> Shader<'a> {
         let mesh = &object.mesh;
         let corners = mesh.triangles[triangle].map(|v| v as usize);
         let edges = Edges::new(corners.map(|v| self.visibility.rays.homogeneous(mesh.position[v])))?;
-        let side = if edges.front { mesh.point_front } else { mesh.point_back };
         let usable = |v: usize| {
-            let point = side[v];
-            let buried = object.point_flags.get(point as usize).is_some_and(|flags| flags & BURIED != 0);
-            (point != NO_POINT && !buried).then_some(point as usize)
+            let lit = if edges.front { mesh.front(v) } else { mesh.back(v) };
+            let buried = |point: u32| object.point_flags.get(point as usize).is_some_and(|flags| flags & BURIED != 0);
+            Shares::new(lit, buried)
         };
         let material = self.scene.materials.get(mesh.material[triangle] as usize);
         let mut gathered =
@@ -360,23 +358,53 @@ impl<'a> Shader<'a> {
     /// Light from the corners that have a usable point.
     fn light(&self, gathered: &Gathered, weights: [f32; 3]) -> PointLight {
         let mut light = PointLight::default();
-        let usable = |k: &usize| gathered.points[*k].is_some();
+        let usable = |k: &usize| gathered.points[*k].n > 0;
         let sum: f32 = (0..3).filter(usable).map(|k| weights[k]).sum();
         let count = (0..3).filter(usable).count();
         for k in (0..3).filter(usable) {
-            let Some(point) = gathered.points[k] else { continue };
             // At a corner that has no point the others may weigh nothing: they share equally there.
             let weight = if sum > 1e-6 { weights[k] / sum } else { 1.0 / count as f32 };
-            let e = &gathered.object.irradiance[point];
-            (0..3).for_each(|c| add(&mut light.irradiance[c], e[c], weight));
-            if let Some(g) = gathered.object.glossy.get(point) {
-                (0..2).for_each(|term| add(&mut light.glossy[term], g[term], weight));
-            }
-            if let Some(coat) = gathered.object.coat.get(point) {
-                add(&mut light.coat, *coat, weight);
+            for (point, share) in gathered.points[k].iter() {
+                let weight = weight * share;
+                let e = &gathered.object.irradiance[point];
+                (0..3).for_each(|c| add(&mut light.irradiance[c], e[c], weight));
+                if let Some(g) = gathered.object.glossy.get(point) {
+                    (0..2).for_each(|term| add(&mut light.glossy[term], g[term], weight));
+                }
+                if let Some(coat) = gathered.object.coat.get(point) {
+                    add(&mut light.coat, *coat, weight);
+                }
             }
         }
         light
+    }
+}
+
+/// Points that light a corner, buried ones left out: the weights of the others grow to sum 1.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Shares {
+    points: [u32; 4],
+    weights: [f32; 4],
+    /// How many of them there are; 0: the corner has no light of its own.
+    pub n: usize,
+}
+
+impl Shares {
+    fn new(lit: Lit, buried: impl Fn(u32) -> bool) -> Self {
+        let mut shares = Shares::default();
+        let mut sum = 0.0;
+        for (point, weight) in lit.shares().filter(|(point, weight)| *weight > 0.0 && !buried(*point)) {
+            (shares.points[shares.n], shares.weights[shares.n]) = (point, weight);
+            (shares.n, sum) = (shares.n + 1, sum + weight);
+        }
+        if shares.n > 0 && sum < 1.0 {
+            shares.weights.iter_mut().for_each(|weight| *weight /= sum);
+        }
+        shares
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> {
+        self.points.into_iter().map(|point| point as usize).zip(self.weights).take(self.n)
     }
 }
 

@@ -4,7 +4,7 @@
 //! time. Lossy: textures of anisotropy and coat are read at the vertex, not averaged over what the point stands for.
 
 use super::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
-use crate::asset::mesh::{Mesh, NO_POINT};
+use crate::asset::mesh::{Lit, Mesh};
 use crate::block_product::brdf::PointLobe;
 use crate::brdf::{Lobe, Measured};
 
@@ -42,8 +42,10 @@ pub fn fill_details(mesh: &Mesh, materials: &[Material], textures: &[Texture], o
         let corners = corners.map(|v| v as usize);
         let mut from_uv = None;
         for v in corners {
-            for (point, side) in [(mesh.point_front[v], 1.0), (mesh.point_back[v], -1.0)] {
-                if point == NO_POINT || std::mem::replace(&mut done[point as usize], true) {
+            for (lit, side) in [(mesh.front(v), 1.0), (mesh.back(v), -1.0)] {
+                // Each point has a vertex of its own.
+                let Lit::Point(point) = lit else { continue };
+                if std::mem::replace(&mut done[point as usize], true) {
                     continue;
                 }
                 details[point as usize] = Detail::default();

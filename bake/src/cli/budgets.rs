@@ -1,0 +1,90 @@
+//! Budgets of error: what was chosen for them, what was reached, in words and in JSON.
+
+use super::bake::round;
+use super::loaded::Loaded;
+use super::read::read_environment;
+use super::{Context, Failure};
+use prelight_bake::budget::{ObjectError, Probes};
+use prelight_runtime::environment::Environment;
+use serde_json::{Value, json};
+use std::sync::Arc;
+
+/// Lines that plan shows: those that miss, then a count of the rest.
+const LISTED: usize = 12;
+
+/// Lights that errors are measured under once a bake is done: those held back, then the scene's own.
+pub fn probes(loaded: &Loaded, context: &Context) -> Result<Probes, Failure> {
+    let face_resolution = loaded.settings.options.face_resolution;
+    let mut probes = Probes::held_back(face_resolution);
+    let mut own: Vec<(String, Environment)> = Vec::new();
+    for entry in &loaded.input.manifest.environment {
+        let (environment, _) = read_environment(&loaded.input.environment_path(entry), context.memory)?;
+        own.push((entry.name.clone(), environment.with_rotation(entry.rotate_y_deg).with_intensity(entry.intensity as f32)));
+    }
+    probes.lights.extend(Probes::new(own, face_resolution).lights);
+    Ok(probes)
+}
+
+/// Asks the bake to measure, where something needs it.
+pub fn measure(loaded: &mut Loaded, asked: bool, context: &Context) -> Result<(), Failure> {
+    if asked || !loaded.settings.choices.is_empty() {
+        loaded.settings.options.rebake.measure = Some(Arc::new(probes(loaded, context)?));
+    }
+    Ok(())
+}
+
+/// What the budgets chose, worst first.
+pub fn lines(loaded: &Loaded) -> Vec<String> {
+    let choices = &loaded.settings.choices;
+    if choices.is_empty() {
+        return Vec::new();
+    }
+    let mut declared: Vec<_> = choices.iter().filter(|choice| choice.is_declared).collect();
+    declared.sort_by(|a, b| b.predicted.total_cmp(&a.predicted));
+    let met = choices.len() - declared.len();
+    let mut lines = vec![format!("{met} of {} objects are expected to meet theirs", choices.len())];
+    for choice in declared.iter().take(LISTED) {
+        let name = &loaded.scene.objects[choice.object].name;
+        lines.push(format!("floor {:.3} > {} on {name}", choice.predicted, choice.budget));
+    }
+    if declared.len() > LISTED {
+        lines.push(format!("and {} more", declared.len() - LISTED));
+    }
+    lines
+}
+
+/// The same for machines, all of them.
+pub fn to_json(loaded: &Loaded) -> Vec<Value> {
+    let one = |choice: &prelight_bake::budget::Choice| {
+        json!({
+            "object": loaded.scene.objects[choice.object].name, "max_error": choice.budget, "predicted": choice.predicted,
+            "edge_length": round(choice.params.edge_length), "points": choice.points, "declared": choice.is_declared,
+        })
+    };
+    loaded.settings.choices.iter().map(one).collect()
+}
+
+/// What an asset's report keeps of each object that was measured: the budget, if any, and the error under each light.
+pub fn measured_json(loaded: &Loaded, errors: &[ObjectError]) -> Vec<Value> {
+    let Some(probes) = &loaded.settings.options.rebake.measure else { return Vec::new() };
+    let n_held_back = probes.lights.iter().filter(|light| light.name.starts_with("held-back ")).count();
+    let one = |error: &ObjectError| {
+        let choice = loaded.settings.choices.iter().find(|choice| choice.object == error.object);
+        let lights: serde_json::Map<String, Value> =
+            probes.lights.iter().enumerate().map(|(i, light)| (light.name.clone(), error.sums.under(i..i + 1).into())).collect();
+        let held_back = error.sums.under(0..n_held_back);
+        json!({
+            "object": loaded.scene.objects[error.object].name, "max_error": choice.map(|choice| choice.budget),
+            "predicted": choice.map(|choice| choice.predicted), "declared": choice.is_some_and(|choice| choice.is_declared),
+            "held_back": held_back, "lights": lights,
+        })
+    };
+    errors.iter().map(one).collect()
+}
+
+/// How many of the budgets that were not declared are met under the held-back lights, of how many.
+pub fn met(measured: &[Value]) -> (usize, usize) {
+    let undeclared = |entry: &&Value| entry["max_error"].is_number() && entry["declared"] == false;
+    let is_met = |entry: &&Value| entry["held_back"].as_f64() <= entry["max_error"].as_f64();
+    (measured.iter().filter(undeclared).filter(is_met).count(), measured.iter().filter(undeclared).count())
+}
