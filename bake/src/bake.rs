@@ -29,6 +29,7 @@ use crate::seal::{self, SceneChunks};
 use crate::trace::{OccluderOptions, Occluders, TreeQuality};
 use crate::vmf_transfer::transfer::TransferOptions;
 use prelight_manifests::asset::{AssetContent, AssetObject, AssetPatch};
+use prelight_manifests::quality::Shades;
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype, Technique};
 use prelight_runtime::asset::points::{BURIED, PATCH_POINTS};
 use prelight_runtime::block_product::visibility::{PointVisibility, Visibility};
@@ -51,6 +52,8 @@ pub struct BakeOptions {
     pub points: Vec<PointParams>,
     /// Texels along a cubemap face's side.
     pub face_resolution: u32,
+    /// Binary, or shades of gray.
+    pub visibility: Shades,
     /// Effort of the tree's builder; changes no bit.
     pub tree: TreeQuality,
     /// One per object: how its indirect light is baked, if it is. May be shorter.
@@ -254,7 +257,12 @@ pub fn bake_with_previews(
         let occluders = Occluders::build_layers(world, &scene.textures, occluder_options, &layer_of, MAX_LAYERS);
         let names: Vec<&str> = scene.objects.iter().map(|object| object.name.as_str()).collect();
         let tracer = Tracer {
-            shadowing: Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: options.face_resolution },
+            shadowing: Shadowing {
+                pieces: &pieces,
+                occluders: &occluders,
+                face_resolution: options.face_resolution,
+                shades: options.visibility,
+            },
             probe: BuriedProbe::new(scene, world),
             names: &names,
             store,

@@ -70,6 +70,7 @@ impl Settings {
         let options = BakeOptions {
             points: objects.iter().map(own).collect(),
             face_resolution: knobs.face_resolution,
+            visibility: knobs.visibility,
             tree,
             transfer: objects.iter().map(|object| transfer(object, manifest.bake.quality)).collect(),
             bounces: manifest.bake.bounces.unwrap_or(1),

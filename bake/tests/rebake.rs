@@ -16,6 +16,7 @@ use prelight_bake::scene::world::World;
 use prelight_bake::scene::{Mesh, Object, Primitive, Scene};
 use prelight_bake::trace::{OccluderOptions, Occluders, Scratch, TreeQuality};
 use prelight_manifests::Quality;
+use prelight_manifests::quality::Shades;
 use prelight_runtime::surface::{AlphaMode, Material, Texture, TextureEncoding, TextureRef, Wrap};
 use prelight_store::Store;
 use std::borrow::Cow;
@@ -80,6 +81,7 @@ fn options(scene: &Scene) -> BakeOptions {
     BakeOptions {
         points: vec![points; scene.objects.len()],
         face_resolution: 64,
+        visibility: Shades::Binary,
         tree: TreeQuality::Fast,
         memory: 1 << 30,
         transfer: Vec::new(),
@@ -106,7 +108,7 @@ fn keys(scene: &Scene, options: &BakeOptions, store: &Store) -> Vec<([u8; 16], [
     let layer_of = layers(scene, &world, &options.rebake.layers);
     let pieces = Pieces::build(scene, &world, &layer_of, MAX_LAYERS);
     let occluders = Occluders::build_layers(&world, &scene.textures, OccluderOptions::default(), &layer_of, MAX_LAYERS);
-    let of = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: options.face_resolution };
+    let of = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: options.face_resolution, shades: options.visibility };
     let mut keys = Vec::new();
     for object in 0..scene.objects.len() {
         let plan = plan_object(scene, &world, object, &options.points[object]).expect("this scene can be planned");
@@ -242,7 +244,7 @@ fn paranoia_finds_a_tile_that_is_not_what_its_key_promises() {
     let layer_of = layers(&scene, &world, &[]);
     let pieces = Pieces::build(&scene, &world, &layer_of, MAX_LAYERS);
     let occluders = Occluders::build_layers(&world, &scene.textures, OccluderOptions::default(), &layer_of, MAX_LAYERS);
-    let of = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: 64 };
+    let of = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: 64, shades: Shades::Binary };
     let mut writer = lying.writer();
     let (mut chunks, mut lies) = (HashMap::new(), 0);
     for object in 0..scene.objects.len() {
@@ -274,7 +276,7 @@ fn patches_by_shafts_and_layers_have_the_bits_of_one_tree_and_one_origin_at_a_ti
     let one_tree = Occluders::build(&world, &scene.textures, OccluderOptions::default());
     let (mut bits, mut scratch, mut blocked) = (PatchBits::default(), Scratch::default(), 0);
     for face_resolution in [64u32, 128] {
-        let of = Shadowing { pieces: &pieces, occluders: &by_layers, face_resolution };
+        let of = Shadowing { pieces: &pieces, occluders: &by_layers, face_resolution, shades: Shades::Binary };
         let n = face_resolution as usize;
         let mut expected = vec![0; 6 * n * n / 64];
         for object in 0..scene.objects.len() {
@@ -336,4 +338,60 @@ fn what_no_edit_reaches_is_taken_over_whole() {
         BakeOptions { rebake: RebakeOptions { paranoid: Some(Paranoid { tiles: 1, seed: 1 }), ..RebakeOptions::default() }, ..options };
     let checked = bake_in(&scene, &paranoid, &store);
     assert_eq!((checked.asset_digest, checked.stats.points_made), (moved.asset_digest, moved.stats.points), "checked one by one");
+}
+
+#[test]
+fn grayscale_is_what_one_tree_samples_and_is_baked_again_like_bits() {
+    let scene = room();
+    let gray = BakeOptions { visibility: Shades::Gray6, ..options(&scene) };
+    let world = World::build(&scene);
+    let layer_of = layers(&scene, &world, &[]);
+    let pieces = Pieces::build(&scene, &world, &layer_of, MAX_LAYERS);
+    let by_layers = Occluders::build_layers(&world, &scene.textures, OccluderOptions::default(), &layer_of, MAX_LAYERS);
+    let one_tree = Occluders::build(&world, &scene.textures, OccluderOptions::default());
+    let (mut bits, mut scratch, mut in_part) = (PatchBits::default(), Scratch::default(), 0);
+    let of = Shadowing { pieces: &pieces, occluders: &by_layers, face_resolution: 64, shades: Shades::Gray6 };
+    for object in 0..scene.objects.len() {
+        let plan = plan_object(&scene, &world, object, &gray.points[object]).unwrap();
+        for patch in &plan.patches {
+            let inputs = PatchInputs::new(&of, &plan, patch);
+            resolve(&of, &inputs, &[], &|_| Ok(None), &mut bits).unwrap();
+            for (local, point) in patch.range().enumerate().step_by(3) {
+                let (mut open, mut samples) = (vec![0; 6 * 64], Vec::new());
+                let origin = plan.trace_origin(point);
+                prelight_bake::trace::horizon::above_horizon(origin.normal, 64, &mut open);
+                one_tree.close_samples_by(0, 0..6, &origin, 64, &mut scratch, (&mut open, &mut samples));
+                assert_eq!(&bits.open()[local * 384..(local + 1) * 384], open, "point {point} of {}", scene.objects[object].name);
+                assert_eq!(bits.samples(local), samples, "point {point} of {}", scene.objects[object].name);
+                in_part += samples.len();
+            }
+        }
+    }
+    assert!(in_part > 10_000, "{in_part}");
+
+    let folder = folder();
+    let store = Store::open_or_create(folder.path()).unwrap();
+    let binary = bake_in(&scene, &options(&scene), &store);
+    let first = bake_in(&scene, &gray, &store);
+    assert!(first.asset_digest != binary.asset_digest && first.stats.patches_traced > 0, "shades are part of the key");
+    let again =
+        BakeOptions { rebake: RebakeOptions { paranoid: Some(Paranoid { tiles: 96, seed: 5 }), ..gray.rebake.clone() }, ..gray.clone() };
+    let again = bake_in(&scene, &again, &store);
+    assert_eq!((again.stats.tiles.traced, again.asset_digest), (0, first.asset_digest));
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        assert_eq!(pool.install(|| clean(&scene, &gray)).2.asset_digest, first.asset_digest, "{threads} threads");
+    }
+    let (mut random, mut edited, mut traced, mut all) = (Random(11), scene.clone(), 0, 0);
+    for step in 0..n_edits(5) {
+        let object = random.below(edited.objects.len());
+        let said = apply(&mut edited, object, ALL[random.below(ALL.len())], &mut random);
+        let options = BakeOptions { visibility: Shades::Gray6, ..options(&edited) };
+        let rebaked = bake_in(&edited, &options, &store);
+        let expected = clean(&edited, &options).2;
+        assert_eq!(rebaked.asset_digest, expected.asset_digest, "step {step}: {said}");
+        traced += rebaked.stats.tiles.traced;
+        all += expected.stats.tiles.traced;
+    }
+    assert!(traced > 0 && traced < all / 2, "{traced} of {all} tiles were traced again");
 }

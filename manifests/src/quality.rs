@@ -8,6 +8,7 @@
 //! | `max_error` | 0.05 | 0.02 | 0.01 | relative L2 of radiance aimed at, per object |
 //! | `coarser` | true | false | false | where the mesh is finer than the edge length, only some of its vertices are baked |
 //! | `face_resolution` | 64 | 64 | 64 | texels along a cubemap face's side |
+//! | `visibility` | binary | binary | binary | shades of a texel at a shadow's edge |
 //! | `bvh` | fast | medium | medium | how long the BVH build may take; changes no bit of the result |
 
 use schemars::JsonSchema;
@@ -41,6 +42,53 @@ pub enum BvhBuild {
     Slow,
 }
 
+/// How finely a texel's openness is told apart.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Shades {
+    /// Open or closed, by the texel's centre. Lossless.
+    #[default]
+    Binary,
+    /// 64 samples a texel where something's edge crosses it, in 2 bits: thirds.
+    Gray2,
+    /// The same in 4 bits.
+    Gray4,
+    /// The same in 6 bits.
+    Gray6,
+    /// The same in 8 bits.
+    Gray8,
+    /// The same, not quantised: 64ths.
+    Gray,
+}
+
+impl Shades {
+    /// Names as written.
+    pub const NAMES: [&'static str; 6] = ["binary", "gray2", "gray4", "gray6", "gray8", "gray"];
+
+    /// By its name.
+    pub fn named(name: &str) -> Option<Self> {
+        let all = [Shades::Binary, Shades::Gray2, Shades::Gray4, Shades::Gray6, Shades::Gray8, Shades::Gray];
+        Self::NAMES.iter().position(|known| *known == name).map(|at| all[at])
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Self::NAMES[self as usize]
+    }
+
+    /// Steps from closed to open; `None` of binary.
+    pub fn steps(self) -> Option<u32> {
+        match self {
+            Shades::Binary => None,
+            Shades::Gray2 => Some(3),
+            Shades::Gray4 => Some(15),
+            Shades::Gray6 => Some(63),
+            Shades::Gray8 => Some(255),
+            Shades::Gray => Some(64),
+        }
+    }
+}
+
 /// Everything that a preset decides.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Knobs {
@@ -56,6 +104,8 @@ pub struct Knobs {
     pub coarser: bool,
     /// Texels along a cubemap face's side, 64 or 128.
     pub face_resolution: u32,
+    /// How finely a texel's openness is told apart.
+    pub visibility: Shades,
     /// How long the BVH build may take.
     pub bvh: BvhBuild,
 }
@@ -71,7 +121,8 @@ impl Quality {
             Quality::Medium => (200_000, 25.0, 1.0 / 4.0, 0.02, BvhBuild::Medium),
             Quality::High => (1_000_000, 15.0, 1.0 / 8.0, 0.01, BvhBuild::Medium),
         };
-        Knobs { points, normal_angle_deg, area_floor, max_error, coarser: self == Quality::Draft, face_resolution: 64, bvh }
+        let coarser = self == Quality::Draft;
+        Knobs { points, normal_angle_deg, area_floor, max_error, coarser, face_resolution: 64, visibility: Shades::Binary, bvh }
     }
 }
 
@@ -107,6 +158,15 @@ mod tests {
             assert_eq!(serde_json::to_value(quality).unwrap(), name);
         }
         assert!("Medium".parse::<Quality>().is_err());
+    }
+
+    #[test]
+    fn shades_parse_back_and_agree_with_serde() {
+        for name in Shades::NAMES {
+            let shades = Shades::named(name).unwrap();
+            assert_eq!((shades.name(), serde_json::to_value(shades).unwrap()), (name, name.into()));
+        }
+        assert_eq!(Shades::named("gray3"), None);
     }
 
     #[test]

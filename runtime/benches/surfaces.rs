@@ -97,7 +97,7 @@ fn main() {
             let methods: [(&str, Box<dyn Fn(&mut [Glossy]) + '_>); 4] = [
                 ("dense, tiled", Box::new(|out| lobe::glossy_tiled(path, &pixels, &patch.open, &lobes, out))),
                 ("sparse", Box::new(|out| lobe::glossy_sparse(path, &pixels, &patch.open, &lobes, out))),
-                ("blocks, exact", Box::new(|out| glossy(Accuracy::EXACT, out))),
+                ("blocks, fine", Box::new(|out| glossy(Accuracy::FINE, out))),
                 ("blocks, display", Box::new(|out| glossy(Accuracy::DISPLAY, out))),
             ];
             let mut times = vec![Vec::new(); methods.len()];

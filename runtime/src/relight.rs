@@ -231,7 +231,7 @@ impl<'a> Relighter<'a> {
                 tables: asset.tables().to_vec(),
                 details: Vec::new(),
             },
-            accuracy: Accuracy::EXACT,
+            accuracy: Accuracy::FINE,
             cubemap: None,
             rest: Vec::new(),
             at_full: 0.0,
@@ -244,7 +244,7 @@ impl<'a> Relighter<'a> {
         relighter
     }
 
-    /// Changes how exactly glossy light is computed; [`Accuracy::EXACT`] before.
+    /// Changes how exactly glossy light is computed; [`Accuracy::FINE`] before.
     pub fn set_accuracy(&mut self, accuracy: Accuracy) {
         self.accuracy = accuracy;
     }

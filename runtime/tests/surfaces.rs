@@ -96,11 +96,11 @@ impl<'a> Case<'a> {
         let mean_radiance = texels.flux.as_flattened().iter().map(|f| f64::from(*f)).sum::<f64>() / (4.0 * std::f64::consts::PI);
         let mut worst = 0.0f64;
         for path in SimdPath::all_available() {
-            let plain = self.shade(path, Accuracy { relative: 0.0, ..Accuracy::EXACT }, &light);
+            let plain = self.shade(path, Accuracy { relative: 0.0, ..Accuracy::FINE }, &light);
             let db = decibels(plain.into_iter(), truth.iter().copied());
             let least = if what == "grazing" { GRAZING_DECIBELS } else { PLAIN_DECIBELS };
             assert!(db >= least, "{what} {:?} {path:?}: {db:.1} dB without tolerance", self.lobe);
-            for accuracy in [Accuracy::EXACT, Accuracy::DISPLAY] {
+            for accuracy in [Accuracy::FINE, Accuracy::DISPLAY] {
                 let got = self.shade(path, accuracy, &light);
                 for (point, (got, truth)) in got.chunks_exact(6).zip(truth.chunks_exact(6)).enumerate() {
                     let off: f64 = got.iter().zip(truth).map(|(g, t)| (g - t).abs()).sum();
@@ -184,7 +184,7 @@ fn a_black_environment_gives_exact_zeros() {
     for lobe in lobes(&table) {
         for path in SimdPath::all_available() {
             let case = Case { patch: &patch, normal: &patch.normal, lobe, eye: [1.0, 2.0, 3.0] };
-            assert!(case.shade(path, Accuracy::EXACT, &light).iter().all(|x| *x == 0.0), "{lobe:?} {path:?}");
+            assert!(case.shade(path, Accuracy::FINE, &light).iter().all(|x| *x == 0.0), "{lobe:?} {path:?}");
         }
     }
 }
@@ -230,7 +230,7 @@ fn grazing_views_and_normal_maps_below_the_surface() {
             let case = Case { patch: &patch, normal: &normal, lobe, eye };
             case.check("grazing", &sky(64, 1e3));
             let light = Light::prepare(&sky(64, 1e3));
-            let out = case.shade(SimdPath::detect(), Accuracy::EXACT, &light);
+            let out = case.shade(SimdPath::detect(), Accuracy::FINE, &light);
             assert!(out.iter().all(|x| x.is_finite() && *x >= 0.0), "{lobe:?} {eye:?}");
             assert!(out[6..12].iter().all(|x| *x == 0.0), "{lobe:?}: a lobe below the surface sees nothing of what is open");
         }
@@ -251,7 +251,7 @@ fn denormal_light_stays_finite_and_keeps_its_size() {
         let truth = case.truth(&texels);
         let most = truth.iter().fold(0.0f64, |most, x| most.max(*x));
         for path in SimdPath::all_available() {
-            for (got, truth) in case.shade(path, Accuracy::EXACT, &light).iter().zip(&truth) {
+            for (got, truth) in case.shade(path, Accuracy::FINE, &light).iter().zip(&truth) {
                 // Denormals have few digits: a tenth of the largest result.
                 assert!(got.is_finite() && (got - truth).abs() <= 0.1 * most + 1e-43, "{lobe:?} {path:?}: {got} {truth}");
             }

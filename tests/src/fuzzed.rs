@@ -114,6 +114,7 @@ pub fn visibility(bytes: &[u8]) {
         let point = visibility.point(i);
         point.for_each_run(texels, |begin, end| assert!(begin < end && end <= texels, "runs are ordered and inside"));
         point.to_open_bits(visibility.face_resolution(), &mut open);
+        point.for_each_fraction(|position, _, _| assert!(position < texels, "texels in part are inside"));
     }
 }
 

@@ -104,6 +104,7 @@ pub fn options(scene: &Scene, edge_length: f32) -> BakeOptions {
     BakeOptions {
         points: vec![PointParams::new(&Quality::Medium.knobs(), edge_length); scene.objects.len()],
         face_resolution: 64,
+        visibility: Default::default(),
         tree: TreeQuality::Medium,
         memory: 4 << 30,
         transfer: Vec::new(),

@@ -2,39 +2,105 @@
 //!
 //! A block of 16×16 texels that is all open or all hidden is recognised from its sixteen row words; only the others (13 of 96 in
 //! ordinary scenes) are brought into Hilbert order texel by texel. Integer work only: the same bytes on every machine.
+//!
+//! Grayscale: a texel that is open in part goes into the list of fractions, and its base is the bit before it along the order, so that it adds
+//! no transition; the bit that is nearer only where the correction would not fit a signed byte (255 steps).
 
 use prelight_runtime::asset::points::PATCH_POINTS;
+use prelight_runtime::block_product::visibility::fractions::Fractions;
 use prelight_runtime::block_product::visibility::{STREAM_PADDING, Visibility, block_count, open_words};
-use prelight_runtime::sphere::cubemap::{BLOCK_SIDE, BLOCK_TEXELS, row_major_from_hilbert};
+use prelight_runtime::sphere::cubemap::{BLOCK_SIDE, BLOCK_TEXELS, hilbert_from_xy, row_major_from_hilbert};
+
+/// A texel that is open in part: its number (face·n² + y·n + x), and how far, in steps.
+pub type Part = (u32, u8);
 
 /// The chunk of one patch: `open` holds the points' open bits one after the other, [`open_words`] words each, the horizon folded in.
 ///
 /// Panics unless there are 1..=256 whole points and `face_resolution` is 64 or 128.
 pub fn encode(face_resolution: usize, open: &[u64]) -> Vec<u8> {
+    encode_arrays(face_resolution, open, None)
+}
+
+/// The chunk of one patch in grayscale: `parts` has one list per point, by number of texel; their bits in `open` are not read.
+///
+/// Panics as [`encode`], and unless there is a list per point, with levels in 1..steps.
+pub fn encode_gray(face_resolution: usize, open: &[u64], parts: &[Vec<Part>], steps: u32) -> Vec<u8> {
+    encode_arrays(face_resolution, open, Some((parts, steps)))
+}
+
+fn encode_arrays(face_resolution: usize, open: &[u64], gray: Option<(&[Vec<Part>], u32)>) -> Vec<u8> {
     assert!(matches!(face_resolution, 64 | 128), "faces of {face_resolution} texels");
     let words = open_words(face_resolution);
     let n = open.len() / words;
     assert!(open.len().is_multiple_of(words) && (1..=PATCH_POINTS).contains(&n), "{} words are not 1..=256 points", open.len());
+    assert!(gray.is_none_or(|(parts, _)| parts.len() == n), "one list a point");
     let order = BlockOrder::new(face_resolution);
-    let (mut start, mut blocks, mut stream, mut positions) = (vec![0u32], Vec::new(), Vec::new(), Vec::new());
-    for point in open.chunks_exact(words) {
-        let mut mask = vec![0u32; block_count(face_resolution) / 32];
-        let mut before = false;
-        positions.clear();
-        for block in 0..block_count(face_resolution) {
-            let first = positions.len();
-            before = order.transitions(point, block, before, &mut positions);
-            if positions.len() > first {
-                mask[block / 32] |= 1 << (block % 32);
-                stream.push((positions.len() - first - 1) as u8);
-            }
+    let (mut runs, mut fractions) = (Lists::new(), Lists::new());
+    let (mut positions, mut own, mut corrections): (_, Vec<(u32, u8)>, _) = (Vec::new(), Vec::new(), Vec::new());
+    for (at, point) in open.chunks_exact(words).enumerate() {
+        let steps = gray.map_or(1, |(_, steps)| steps as i32);
+        own.clear();
+        if let Some((parts, _)) = gray {
+            own.extend(parts[at].iter().map(|(texel, level)| (order.position(*texel), *level)));
+            own.sort_unstable();
         }
-        stream.extend_from_slice(&positions);
-        blocks.extend_from_slice(&mask);
-        start.push(stream.len() as u32);
+        let (mut before, mut rest) = (false, &own[..]);
+        corrections.clear();
+        for block in 0..block_count(face_resolution) {
+            let end = ((block + 1) * BLOCK_TEXELS) as u32;
+            let (parts, after) = rest.split_at(rest.partition_point(|(position, _)| *position < end));
+            rest = after;
+            positions.clear();
+            before = order.transitions(point, block, before, (parts, steps), &mut positions, &mut corrections);
+            runs.block(block, positions.iter().copied());
+            fractions.block(block, parts.iter().map(|(position, _)| *position as u8));
+        }
+        runs.point(face_resolution, &[]);
+        fractions.point(face_resolution, bytemuck::cast_slice(&corrections));
     }
-    stream.resize(stream.len() + STREAM_PADDING, 0);
-    Visibility::to_chunk(face_resolution, &start, &blocks, &stream)
+    runs.pad();
+    fractions.pad();
+    let Some((_, steps)) = gray else { return Visibility::to_chunk(face_resolution, &runs.start, &runs.blocks, &runs.stream) };
+    let fractions = Fractions { steps, start: &fractions.start, blocks: &fractions.blocks, stream: &fractions.stream };
+    Visibility::to_gray_chunk(face_resolution, &runs.start, &runs.blocks, &runs.stream, &fractions)
+}
+
+/// Positions of points by blocks, as both kinds of lists lie in a chunk.
+struct Lists {
+    start: Vec<u32>,
+    blocks: Vec<u32>,
+    stream: Vec<u8>,
+    /// Of the present point: its mask and its positions; its counts are in the stream already.
+    mask: [u32; 12],
+    positions: Vec<u8>,
+}
+
+impl Lists {
+    fn new() -> Self {
+        Lists { start: vec![0], blocks: Vec::new(), stream: Vec::new(), mask: [0; 12], positions: Vec::new() }
+    }
+
+    fn block(&mut self, block: usize, positions: impl Iterator<Item = u8>) {
+        let first = self.positions.len();
+        self.positions.extend(positions);
+        if self.positions.len() > first {
+            self.mask[block / 32] |= 1 << (block % 32);
+            self.stream.push((self.positions.len() - first - 1) as u8);
+        }
+    }
+
+    fn point(&mut self, face_resolution: usize, after: &[u8]) {
+        self.stream.extend_from_slice(&self.positions);
+        self.stream.extend_from_slice(after);
+        self.blocks.extend_from_slice(&self.mask[..block_count(face_resolution) / 32]);
+        self.start.push(self.stream.len() as u32);
+        self.positions.clear();
+        self.mask = [0; 12];
+    }
+
+    fn pad(&mut self) {
+        self.stream.resize(self.stream.len() + STREAM_PADDING, 0);
+    }
 }
 
 /// Where the texels of every block lie.
@@ -49,8 +115,22 @@ impl BlockOrder {
         BlockOrder { face_resolution, texels: row_major_from_hilbert(face_resolution) }
     }
 
-    /// Appends the block's transitions, given the bit before it; returns its last bit.
-    fn transitions(&self, open: &[u64], block: usize, before: bool, positions: &mut Vec<u8>) -> bool {
+    /// Hilbert position of a texel.
+    fn position(&self, texel: u32) -> u32 {
+        let (n, texel) = (self.face_resolution, texel as usize);
+        (texel / (n * n) * n * n + hilbert_from_xy(n, texel % n, texel / n % n)) as u32
+    }
+
+    /// Appends the block's transitions, given the bit before it, and the corrections of its texels open in part; returns its last bit.
+    fn transitions(
+        &self,
+        open: &[u64],
+        block: usize,
+        before: bool,
+        (mut parts, steps): (&[(u32, u8)], i32),
+        positions: &mut Vec<u8>,
+        corrections: &mut Vec<i8>,
+    ) -> bool {
         let n = self.face_resolution;
         let face_blocks = n * n / BLOCK_TEXELS;
         let (face, first) = (block / face_blocks, block % face_blocks * BLOCK_TEXELS);
@@ -58,7 +138,7 @@ impl BlockOrder {
         let (x0, y0) = (order[0] as usize % n / BLOCK_SIDE * BLOCK_SIDE, order[0] as usize / n / BLOCK_SIDE * BLOCK_SIDE);
         let rows: [u16; BLOCK_SIDE] = std::array::from_fn(|row| (open[(face * n + y0 + row) * (n / 64) + x0 / 64] >> (x0 % 64)) as u16);
         let (all, any) = rows.iter().fold((u16::MAX, 0), |(all, any), row| (all & row, any | row));
-        if all == u16::MAX || any == 0 {
+        if parts.is_empty() && (all == u16::MAX || any == 0) {
             let bit = any != 0;
             if bit != before {
                 positions.push(0);
@@ -68,7 +148,17 @@ impl BlockOrder {
         let mut last = before;
         for (position, texel) in order.iter().enumerate() {
             let (x, y) = (*texel as usize % n - x0, *texel as usize / n - y0);
-            let bit = rows[y] >> x & 1 == 1;
+            let mut bit = rows[y] >> x & 1 == 1;
+            if let Some(((at, level), rest)) = parts.split_first()
+                && *at as usize % BLOCK_TEXELS == position
+            {
+                parts = rest;
+                let level = i32::from(*level);
+                assert!((1..steps).contains(&level), "level {level} of {steps} steps is not a part");
+                let correction = |base: bool| level - if base { steps } else { 0 };
+                bit = if i8::try_from(correction(last)).is_ok() { last } else { 2 * level >= steps };
+                corrections.push(correction(bit) as i8);
+            }
             if bit != last {
                 positions.push(position as u8);
                 last = bit;

@@ -74,7 +74,7 @@ pub fn against(text: &str, context: &[String; 6], rows: &[Row]) -> Result<Agains
             Some(i) => context[i].clone(),
             None => named[name].clone(),
         };
-        let Some(old) = before.get(&kept.map(of).to_vec()) else {
+        let Some(old) = before.get(kept.map(of).as_slice()) else {
             found.unknown += 1;
             continue;
         };

@@ -49,7 +49,7 @@ pub struct Measured {
 pub fn sample(asset: &Asset, points: usize) -> Vec<usize> {
     let sees = |patch: &usize| {
         let visibility = asset.patches[*patch].visibility();
-        (0..visibility.len()).any(|point| visibility.point(point).transitions() > 0)
+        (0..visibility.len()).any(|point| !visibility.point(point).is_blind())
     };
     let seeing: Vec<usize> = (0..asset.patches.len()).filter(sees).collect();
     let total: usize = seeing.iter().map(|patch| asset.patches[*patch].points.len()).sum();

@@ -140,7 +140,7 @@ fn points(asset: &Asset, sample: &[usize], n: usize) -> Vec<Point> {
         let mut compared = 0;
         for i in 0..visibility.len() {
             let point = visibility.point(i);
-            if point.transitions() == 0 {
+            if point.is_blind() {
                 continue;
             }
             point.to_open_bits(n, &mut open);

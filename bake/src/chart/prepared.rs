@@ -84,7 +84,8 @@ impl BakedPatch {
                 // 64 bytes of padding and the array of starts belong to the patch.
                 let point = |point: usize| {
                     let point = visibility.point(point);
-                    4 + size_of_val(point.blocks) + point.counts.len() + point.transitions()
+                    let parts = point.fractions.map_or(0, |parts| 4 + size_of_val(parts.blocks) + parts.counts.len() + 2 * parts.len());
+                    4 + size_of_val(point.blocks) + point.counts.len() + point.transitions() + parts
                 };
                 68 + (0..n).map(point).sum::<usize>()
             }

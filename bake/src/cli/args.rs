@@ -3,6 +3,7 @@
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use prelight_manifests::Quality;
+use prelight_manifests::quality::Shades;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -16,7 +17,7 @@ pub struct SceneArgs {
 }
 
 /// Knobs of a bake that win over the scene manifest.
-#[derive(Args, Clone, Debug, Default)]
+#[derive(Args, Clone, Debug, Default, PartialEq)]
 pub struct BakeKnobs {
     /// Preset of all knobs: draft, medium or high
     #[arg(long, value_name = "Q", value_parser = quality_parser())]
@@ -27,12 +28,24 @@ pub struct BakeKnobs {
     /// Edge length of the refined mesh aimed at, metres
     #[arg(long, value_name = "M", value_parser = positive)]
     pub edge_length: Option<f32>,
+    /// Texels along the side of a cubemap face: 64 or 128
+    #[arg(long, value_name = "N", value_parser = PossibleValuesParser::new(["64", "128"]).map(|n| if n == "128" { 128 } else { 64 }))]
+    pub face_resolution: Option<u32>,
+    /// Visibility of a texel that an edge crosses: binary, or gray in 2, 4, 6, 8 bits or not quantised
+    #[arg(long, value_name = "V", value_parser = PossibleValuesParser::new(Shades::NAMES).map(|name| Shades::named(&name).unwrap_or_default()))]
+    pub visibility: Option<Shades>,
 }
 
 impl BakeKnobs {
     /// As the asset's report keeps them, so that `repair` bakes with the same ones.
     pub fn to_json(&self) -> Value {
-        json!({ "quality": self.quality.map(|quality| quality.to_string()), "points": self.points, "edge_length": self.edge_length })
+        json!({
+            "quality": self.quality.map(|quality| quality.to_string()),
+            "points": self.points,
+            "edge_length": self.edge_length,
+            "face_resolution": self.face_resolution,
+            "visibility": self.visibility.map(Shades::name),
+        })
     }
 
     /// From an asset's report; what is not there was not given.
@@ -41,6 +54,8 @@ impl BakeKnobs {
             quality: knobs["quality"].as_str().and_then(|name| name.parse().ok()),
             points: knobs["points"].as_u64(),
             edge_length: knobs["edge_length"].as_f64().map(|length| length as f32),
+            face_resolution: knobs["face_resolution"].as_u64().map(|n| n as u32).filter(|n| matches!(n, 64 | 128)),
+            visibility: knobs["visibility"].as_str().and_then(Shades::named),
         }
     }
 }
@@ -133,9 +148,10 @@ mod tests {
 
     #[test]
     fn knobs_survive_the_report() {
-        for (quality, points, edge_length) in [(None, None, None), (Some(Quality::High), Some(5000), None), (None, None, Some(0.1f32))] {
-            let back = BakeKnobs::from_json(&BakeKnobs { quality, points, edge_length }.to_json());
-            assert_eq!((back.quality, back.points, back.edge_length), (quality, points, edge_length));
+        let fine = BakeKnobs { face_resolution: Some(128), visibility: Some(Shades::Gray6), ..BakeKnobs::default() };
+        let many = BakeKnobs { quality: Some(Quality::High), points: Some(5000), ..BakeKnobs::default() };
+        for knobs in [BakeKnobs::default(), many, BakeKnobs { edge_length: Some(0.1), ..BakeKnobs::default() }, fine] {
+            assert_eq!(BakeKnobs::from_json(&knobs.to_json()), knobs);
         }
     }
 

@@ -36,6 +36,9 @@ impl Loaded {
         if let Some(edge_length) = knobs.edge_length {
             input.manifest.bake.edge_length = Some(f64::from(edge_length));
         }
+        let bake = &mut input.manifest.bake;
+        bake.face_resolution = knobs.face_resolution.or(bake.face_resolution);
+        bake.visibility = knobs.visibility.or(bake.visibility);
         let memory = context.memory_limit(input.manifest.limits.memory).0;
         let stage = Stage::begin(context.progress(), "read", None, "files");
         let loaded = input.load(memory)?;

@@ -1,14 +1,18 @@
 //! Open bits of a patch, tile by tile: tracing, naming, copying.
 //!
 //! Layout as the tracer's: `[points, 6·n²/64]` u64 ([`open_words`]). A tile is a square of n/4 texels, so a face's row of texels crosses four.
+//! In grayscale a bit says that something of the texel is open, and [`PatchParts`] which texels are not open whole.
 
+use super::parts::PatchParts;
+use crate::block_product::visibility::{encode, encode_gray};
 use crate::plan::ObjectPlan;
 use crate::plan::Patch;
 use crate::plan::shaft::BOX_POINTS;
 use crate::plan::tile::{CLOSED, FACE_TILES, TileSet};
 use crate::trace::horizon::above_horizon_of_face;
 use crate::trace::{Occluders, Scratch};
-use prelight_runtime::block_product::visibility::{Visibility, open_words};
+use prelight_runtime::block_product::visibility::{PointVisibility, Visibility, open_words};
+use prelight_runtime::sphere::cubemap::row_major_from_hilbert;
 
 /// Working memory of one thread.
 #[derive(Default)]
@@ -21,21 +25,46 @@ pub struct PatchBits {
     mask: Vec<u64>,
     tile: Vec<u8>,
     scratch: Scratch,
+    /// Steps of grayscale; `None`: binary, and `parts` is not looked at.
+    steps: Option<u32>,
+    parts: PatchParts,
+    /// One point's samples before and after tracing.
+    before: Vec<(u32, u64)>,
+    after: Vec<(u32, u64)>,
 }
 
 impl PatchBits {
-    /// All closed, for so many points.
-    pub fn reset(&mut self, face_resolution: u32, n_points: usize) {
+    /// All closed, for so many points; `steps` of grayscale from closed to open, or binary.
+    pub fn reset(&mut self, face_resolution: u32, steps: Option<u32>, n_points: usize) {
         self.face_resolution = face_resolution as usize;
         self.words = open_words(self.face_resolution);
         self.open.clear();
         self.open.resize(self.words * n_points, 0);
         self.work.resize(self.words, 0);
+        self.steps = steps;
+        if steps.is_some() {
+            self.parts.reset(n_points);
+        }
     }
 
     /// The bits of all points.
     pub fn open(&self) -> &[u64] {
         &self.open
+    }
+
+    /// Open samples of one point's texels that are open in part, by number of texel. Of texels that came out of a chunk, nothing.
+    pub fn samples(&self, point: usize) -> &[(u32, u64)] {
+        self.parts.sampled.get(point).map_or(&[], Vec::as_slice)
+    }
+
+    /// The chunk of the patch.
+    pub fn encode(&mut self) -> Vec<u8> {
+        let (n, words) = (self.face_resolution, self.words);
+        let Some(steps) = self.steps else { return encode(n, &self.open) };
+        let parts = &self.parts;
+        let levels = |(point, open)| parts.levels(point, n, steps, open);
+        let levels: Vec<_> = self.open.chunks_exact_mut(words).enumerate().map(levels).collect();
+        encode_gray(n, &self.open, &levels, steps)
     }
 
     /// Texels along a tile's side.
@@ -75,6 +104,13 @@ impl PatchBits {
                 open[words.clone()].iter_mut().zip(&self.mask[words.clone()]).for_each(|(open, mask)| *open &= !mask);
             }
         }
+        self.clear_parts(tiles);
+    }
+
+    fn clear_parts(&mut self, tiles: TileSet) {
+        if self.steps.is_some() {
+            self.parts.clear(tiles, self.face_resolution);
+        }
     }
 
     /// Sets tiles to what is above the horizon.
@@ -87,6 +123,7 @@ impl PatchBits {
                 merge(&mut open[words.clone()], &self.work[words.clone()], &self.mask[words.clone()]);
             }
         }
+        self.clear_parts(tiles);
     }
 
     /// Closes what a layer covers in tiles; returns those in which a bit changed.
@@ -96,7 +133,8 @@ impl PatchBits {
         // Per face and row of texels, the bits that changed for any point.
         let mut changed = vec![0u64; self.words];
         let ranges: Vec<_> = faces(tiles).map(|face| self.words_of(face)).collect();
-        for (point, open) in patch.range().zip(self.open.chunks_exact_mut(self.words)) {
+        let mut set = 0;
+        for (local, (point, open)) in patch.range().zip(self.open.chunks_exact_mut(self.words)).enumerate() {
             let mut any = 0;
             for word in ranges.iter().cloned().flatten() {
                 self.work[word] = open[word] & self.mask[word];
@@ -105,14 +143,23 @@ impl PatchBits {
             if any == 0 {
                 continue;
             }
-            occluders.close_covered_by(layer, faces(tiles), &plan.trace_origin(point), n, &mut self.scratch, &mut self.work);
+            let origin = plan.trace_origin(point);
+            if self.steps.is_none() {
+                occluders.close_covered_by(layer, faces(tiles), &origin, n, &mut self.scratch, &mut self.work);
+            } else {
+                self.parts.take(local, tiles, n, &mut self.before);
+                self.after.clone_from(&self.before);
+                let both = (&mut self.work[..], &mut self.after);
+                occluders.close_samples_by(layer, faces(tiles), &origin, n, &mut self.scratch, both);
+                self.parts.put(local, &self.after);
+                set |= super::parts::changed(&self.before, &self.after, n);
+            }
             for word in ranges.iter().cloned().flatten() {
                 let mask = self.mask[word];
                 changed[word] |= (open[word] & mask) ^ self.work[word];
                 open[word] = open[word] & !mask | self.work[word];
             }
         }
-        let mut set = 0;
         for (row, words) in changed.chunks_exact(n / 64).enumerate() {
             let (face, y) = (row / n, row % n / side);
             for x in 0..FACE_TILES {
@@ -147,15 +194,21 @@ impl PatchBits {
         if cells == 0 {
             return (CLOSED, 0);
         }
+        if self.steps.is_some() {
+            self.parts.describe(tile, n, &mut self.tile);
+        }
         let digest = blake3::hash(&self.tile);
         (std::array::from_fn(|i| digest.as_bytes()[i]), cells)
     }
 
-    /// Copies tiles out of a chunk of as many points.
+    /// Copies tiles out of a chunk of as many points and steps.
     pub fn copy(&mut self, visibility: &Visibility, tiles: TileSet) {
+        self.clear_parts(tiles);
         self.set_mask(tiles);
         for (point, open) in self.open.chunks_exact_mut(self.words).enumerate() {
-            visibility.point(point).to_open_bits(self.face_resolution, &mut self.work);
+            let own = visibility.point(point);
+            let copied = self.steps.map(|_| &mut self.parts.copied[point]);
+            unpack(&own, self.face_resolution, tiles, &mut self.work, copied);
             for words in faces(tiles).map(|face| face * self.words / 6..(face + 1) * self.words / 6) {
                 merge(&mut open[words.clone()], &self.work[words.clone()], &self.mask[words]);
             }
@@ -165,14 +218,37 @@ impl PatchBits {
     /// Whether a tile's bits equal those of a chunk, all points.
     pub fn equals(&mut self, visibility: &Visibility, tile: u8) -> bool {
         self.set_mask(1 << tile);
-        for (point, open) in self.open.chunks_exact(self.words).enumerate() {
-            visibility.point(point).to_open_bits(self.face_resolution, &mut self.work);
-            if self.words_of(usize::from(tile / 16)).any(|word| (open[word] ^ self.work[word]) & self.mask[word] != 0) {
+        let (n, steps) = (self.face_resolution, self.steps);
+        for (point, open) in self.open.chunks_exact_mut(self.words).enumerate() {
+            let (mut own, mut theirs) = (Vec::new(), Vec::new());
+            if let Some(steps) = steps {
+                own = self.parts.levels(point, n, steps, open);
+                own.retain(|(texel, _)| super::parts::tile_of(*texel, n) == tile);
+            }
+            unpack(&visibility.point(point), n, 1 << tile, &mut self.work, steps.map(|_| &mut theirs));
+            let words = usize::from(tile / 16) * self.words / 6..usize::from(tile / 16 + 1) * self.words / 6;
+            if own != theirs || words.into_iter().any(|word| (open[word] ^ self.work[word]) & self.mask[word] != 0) {
                 return false;
             }
         }
         true
     }
+}
+
+/// Open bits of a point of a chunk. Grayscale: a texel open in part counts as open, and in tiles its level is appended, by texel.
+fn unpack(point: &PointVisibility, n: usize, tiles: TileSet, open: &mut [u64], levels: Option<&mut Vec<(u32, u8)>>) {
+    point.to_open_bits(n, open);
+    let (Some(levels), Some(fractions)) = (levels, point.fractions) else { return };
+    let order = row_major_from_hilbert(n);
+    point.for_each_fraction(|position, base, correction| {
+        let texel = (position / (n * n) * n * n) as u32 + order[position % (n * n)];
+        open[texel as usize / 64] |= 1 << (texel % 64);
+        if tiles >> super::parts::tile_of(texel, n) & 1 == 1 {
+            let level = if base { fractions.steps as i32 } else { 0 } + i32::from(correction);
+            levels.push((texel, level as u8));
+        }
+    });
+    levels.sort_unstable_by_key(|(texel, _)| *texel);
 }
 
 /// Faces that hold one of the tiles.

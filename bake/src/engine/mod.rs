@@ -2,6 +2,7 @@
 
 pub mod bits;
 pub mod object;
+pub mod parts;
 pub mod patch;
 pub mod threads;
 pub mod transfer;

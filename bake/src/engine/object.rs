@@ -1,7 +1,7 @@
 //! Whole objects of an earlier bake, taken over without planning them again.
 //!
 //! ```text
-//! object key   = H(versions, face resolution, knobs, transform, base mesh, materials, digests of their textures)
+//! object key   = H(versions, face resolution, shades of gray, knobs, transform, base mesh, materials, digests of their textures)
 //! record       chunks: base, mesh, per patch points, surface, visibility
 //!              data:   version u8, layers u8, counts 4 u32, key of the snapshot 32, then per patch:
 //!                      points u16, bounds of the origins 6 f32, reach f64, per layer open cells 6 u64
@@ -21,11 +21,12 @@ use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::key::Hasher;
 use crate::plan::patch::PATCH_ORDER;
-use crate::plan::shaft::{Bounds, reached_cells};
+use crate::plan::shaft::{Bounds, Raster, reached_cells};
 use crate::plan::snapshot::{Snapshot, SnapshotPiece};
 use crate::scene::Scene;
 use crate::seal::base_chunk;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
+use prelight_manifests::quality::Shades;
 use prelight_manifests::{ChunkKind, Descriptor, Digest};
 use prelight_store::{MAX_RECORD_DATA, Record, Store};
 use rayon::prelude::*;
@@ -46,9 +47,9 @@ pub struct PatchReach {
 }
 
 impl PatchReach {
-    fn is_touched_by(&self, piece: &SnapshotPiece, face_resolution: usize) -> bool {
+    fn is_touched_by(&self, piece: &SnapshotPiece, raster: Raster) -> bool {
         let Some(open) = self.open.get(usize::from(piece.layer)) else { return true };
-        let blocks = |face: usize| open[face] != 0 && reached_cells(face, &piece.bounds, &self.origins, face_resolution) & open[face] != 0;
+        let blocks = |face: usize| open[face] != 0 && reached_cells(face, &piece.bounds, &self.origins, raster) & open[face] != 0;
         piece.bounds.distance(&self.origins) <= self.buried || (0..6).any(blocks)
     }
 }
@@ -168,7 +169,8 @@ fn object_key(scene: &Scene, options: &BakeOptions, object: usize, textures: &BT
     let PointParams { edge_length, normal_angle_deg, area_floor, max_level, coarser, max_triangles } = options.points[object];
     let source = &scene.objects[object];
     let mut hasher = Hasher::new("prelight object");
-    hasher.words(&[options.face_resolution, max_level, max_triangles, u32::from(coarser), PATCH_ORDER]);
+    let shades = options.visibility.steps().unwrap_or(0);
+    hasher.words(&[options.face_resolution, shades, max_level, max_triangles, u32::from(coarser), PATCH_ORDER]);
     hasher.floats(&[edge_length, normal_angle_deg, area_floor]);
     source.world_from_local.iter().for_each(|value| hasher.bytes(&value.to_le_bytes()));
     let base = base_chunk(&source.mesh);
@@ -199,6 +201,7 @@ pub fn known_objects(
     wanted: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<Vec<Option<KnownObject>>, BakeError> {
     let mut snapshots: BTreeMap<Digest, Option<Vec<SnapshotPiece>>> = BTreeMap::new();
+    let raster = Raster { face_resolution: options.face_resolution as usize, in_part: options.visibility != Shades::Binary };
     let mut find = |object: usize| -> Result<Option<KnownObject>, BakeError> {
         for record in store.lookup_all(&keys[object])? {
             let Some(parsed) = parse(record) else { continue };
@@ -212,7 +215,7 @@ pub fn known_objects(
                 }
             };
             let Some(changes) = changes else { continue };
-            let touched = |reach: &PatchReach| changes.iter().any(|piece| reach.is_touched_by(piece, options.face_resolution as usize));
+            let touched = |reach: &PatchReach| changes.iter().any(|piece| reach.is_touched_by(piece, raster));
             if !parsed.reaches.par_iter().any(touched) {
                 return Ok(Some(known(scene, options, object, parsed)));
             }

@@ -16,10 +16,11 @@ use super::bits::PatchBits;
 use crate::error::BakeError;
 use crate::plan::key::{points_key, tile_key};
 use crate::plan::pieces::Pieces;
-use crate::plan::shaft::OriginBoxes;
+use crate::plan::shaft::{OriginBoxes, Raster};
 use crate::plan::tile::{CLOSED, HORIZON, N_TILES, OpenCells, Reach, TileRow, TileSet, TileTable, tiles};
 use crate::plan::{ObjectPlan, Patch};
 use crate::trace::Occluders;
+use prelight_manifests::quality::Shades;
 use prelight_manifests::{Descriptor, Digest};
 use prelight_runtime::block_product::visibility::Visibility;
 use prelight_store::Chunk;
@@ -33,6 +34,15 @@ pub struct Shadowing<'a> {
     pub occluders: &'a Occluders,
     /// Texels along a cubemap face's side.
     pub face_resolution: u32,
+    /// Binary, or how many shades of gray.
+    pub shades: Shades,
+}
+
+impl Shadowing<'_> {
+    /// What shafts need to know of the tracer.
+    fn raster(&self) -> Raster {
+        Raster { face_resolution: self.face_resolution as usize, in_part: self.shades != Shades::Binary }
+    }
 }
 
 /// A patch about to be looked up.
@@ -50,7 +60,7 @@ pub struct PatchInputs<'a> {
 impl<'a> PatchInputs<'a> {
     /// Hashes the points.
     pub fn new(of: &Shadowing, plan: &'a ObjectPlan, patch: &'a Patch) -> Self {
-        let key = points_key(of.pieces, of.face_resolution, patch.range().map(|point| plan.trace_origin(point)));
+        let key = points_key(of.pieces, of.face_resolution, of.shades.steps(), patch.range().map(|point| plan.trace_origin(point)));
         let origins = OriginBoxes::new(plan.origin[patch.range()].iter().copied());
         PatchInputs { plan, patch, key, origins }
     }
@@ -119,7 +129,7 @@ impl<'a> Walk<'a> {
         keys: &mut [[u8; 16]; N_TILES],
     ) -> (TileSet, TileSet) {
         self.before.push(*self.open.faces());
-        let reach = Reach::new(self.of.pieces, layer, &self.inputs.origins, &self.open, self.of.face_resolution as usize);
+        let reach = Reach::new(self.of.pieces, layer, &self.inputs.origins, &self.open, self.of.raster());
         let (mut missed, mut renamed) = (0, 0);
         for tile in tiles(reach.tiles & !skip) {
             let at = usize::from(tile);
@@ -172,7 +182,7 @@ pub fn resolve(
 ) -> Result<Resolution, BakeError> {
     let mut walk = Walk::new(of, inputs);
     let live = walk.open.live();
-    bits.reset(of.face_resolution, inputs.patch.n_points as usize);
+    bits.reset(of.face_resolution, of.shades.steps(), inputs.patch.n_points as usize);
     // Tiles whose bits in `bits` are those that the layers so far left; those that were traced at all.
     let (mut held, mut redone) = (0, 0);
     let mut keys = [[0; 16]; N_TILES];
@@ -246,7 +256,7 @@ fn trace_up_to(of: &Shadowing, inputs: &PatchInputs, bits: &mut PatchBits, reach
 /// A tile of those that held whose bits are not what tracing gives, if there is one among `suspects`: traced from the horizon by all
 /// occluders, whatever the shafts say.
 pub fn false_hit(of: &Shadowing, inputs: &PatchInputs, visibility: &Visibility, suspects: TileSet, bits: &mut PatchBits) -> Option<u8> {
-    bits.reset(of.face_resolution, inputs.patch.n_points as usize);
+    bits.reset(of.face_resolution, of.shades.steps(), inputs.patch.n_points as usize);
     bits.set_horizon(inputs.plan, inputs.patch, suspects);
     for layer in 0..of.pieces.n_layers() {
         bits.trace(of.occluders, layer, inputs.plan, inputs.patch, suspects);

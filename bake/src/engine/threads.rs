@@ -8,7 +8,6 @@ use super::bits::PatchBits;
 use super::object::PatchReach;
 use super::patch::{Candidate, PatchInputs, Resolution, Resolved, Shadowing, false_hit, resolve};
 use crate::bake::commit;
-use crate::block_product::visibility::encode;
 use crate::error::BakeError;
 use crate::plan::buried::{BuriedProbe, local_edge};
 use crate::plan::key::{BlindPoint, buried_key, buried_question};
@@ -145,7 +144,7 @@ impl Tracer<'_> {
         let (visibility, chunk) = match same {
             Some((index, chunk)) => (candidates.swap_remove(index).descriptor, chunk),
             None => {
-                let bytes = encode(self.shadowing.face_resolution as usize, bits.open());
+                let bytes = bits.encode();
                 let shape = vec![u64::from(task.patch.n_points)];
                 (writer.put(ChunkKind::Visibility, Dtype::U8, shape, &bytes)?, Chunk::from_plain(&bytes))
             }
@@ -171,7 +170,9 @@ impl Tracer<'_> {
             Err(error) => return Err(error.into()),
         };
         let fits = |visibility: Visibility| {
-            visibility.len() == patch.n_points as usize && visibility.face_resolution() == self.shadowing.face_resolution as usize
+            visibility.len() == patch.n_points as usize
+                && visibility.face_resolution() == self.shadowing.face_resolution as usize
+                && visibility.steps() == self.shadowing.shades.steps()
         };
         let fits = Visibility::from_chunk(&chunk).is_ok_and(fits);
         Ok(fits.then_some(chunk))
@@ -206,7 +207,7 @@ impl Tracer<'_> {
     /// double-sided, visibility does not. Also gives the metres within which lies what decided; below 0 where no point was asked.
     fn buried(&self, task: &PatchTask, inputs: &PatchInputs, chunk: &Chunk, writer: &mut ShardWriter) -> Result<(Vec<u8>, f64), BakeError> {
         let visibility = Visibility::from_chunk(chunk)?;
-        let blind: Vec<u8> = (0..visibility.len()).filter(|i| visibility.point(*i).counts.is_empty()).map(|i| i as u8).collect();
+        let blind: Vec<u8> = (0..visibility.len()).filter(|i| visibility.point(*i).is_blind()).map(|i| i as u8).collect();
         if blind.is_empty() {
             return Ok((Vec::new(), -1.0));
         }

@@ -6,7 +6,7 @@
 
 use super::layer::{MAX_LAYERS, layers};
 use super::pieces::{Piece, Pieces};
-use super::shaft::{Bounds, reached_cells};
+use super::shaft::{Bounds, Raster, reached_cells};
 use super::tile::{TileSet, tiles_of_cells};
 use crate::scene::world::World;
 use crate::scene::{Object, Scene};
@@ -187,10 +187,12 @@ pub fn reasons(stale: &[StalePatch], changed: &[ChangedObject], face_resolution:
 }
 
 fn reached_tiles(bounds: &[Bounds], origins: &Bounds, face_resolution: u32) -> TileSet {
+    // The wider of the two: a reason too many is better than one too few.
+    let raster = Raster { face_resolution: face_resolution as usize, in_part: true };
     let mut cells = [0u64; 6];
     for piece in bounds {
         for (face, cells) in cells.iter_mut().enumerate() {
-            *cells |= reached_cells(face, piece, origins, face_resolution as usize);
+            *cells |= reached_cells(face, piece, origins, raster);
         }
     }
     (0..6).fold(0, |set, face| set | TileSet::from(tiles_of_cells(cells[face])) << (16 * face))

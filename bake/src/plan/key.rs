@@ -1,7 +1,7 @@
 //! Keys of visibility: blake3 of everything that the tracer reads for a tile, and of nothing else.
 //!
 //! ```text
-//! points key   = H(versions, face resolution, per point: origin, n_s, digests of its base triangles)
+//! points key   = H(versions, face resolution, shades of gray if any, per point: origin, n_s, digests of its base triangles)
 //! key_k(P, b)  = H(points key, tile b, open bits left by layer k − 1, pieces of layer k that reach an open cell)
 //! buried key   = H(versions, points key, edge length, per blind point: n_g, local edge, sides of its base triangles;
 //!                  reach; pieces within reach, with their sides)
@@ -65,7 +65,12 @@ impl Hasher {
 }
 
 /// Names a patch's points in the ledger: where rays start, the horizon, and what never blocks.
-pub fn points_key<'a>(pieces: &Pieces, face_resolution: u32, origins: impl ExactSizeIterator<Item = TraceOrigin<'a>>) -> Digest {
+pub fn points_key<'a>(
+    pieces: &Pieces,
+    face_resolution: u32,
+    gray_steps: Option<u32>,
+    origins: impl ExactSizeIterator<Item = TraceOrigin<'a>>,
+) -> Digest {
     let mut bytes = Vec::with_capacity(64 * origins.len());
     let n = origins.len() as u32;
     for point in origins {
@@ -76,6 +81,10 @@ pub fn points_key<'a>(pieces: &Pieces, face_resolution: u32, origins: impl Exact
     }
     let mut hasher = Hasher::new("prelight points");
     hasher.words(&[face_resolution, n]);
+    if let Some(steps) = gray_steps {
+        // Binary visibility has no word here; a face resolution is below 2¹⁶.
+        hasher.words(&[1 << 16 | steps]);
+    }
     hasher.bytes(&bytes);
     hasher.finish()
 }

@@ -12,7 +12,7 @@
 //! for bit and without slack, every rectangle that the tracer computes for a triangle in the one box from an origin in the other; outside of
 //! its rectangle a triangle covers nothing, whatever rounding does to its edges. Looser than the shadow of the boxes: a rectangle, not a hexagon.
 
-use crate::trace::predicate::{NEAR, PAD};
+use crate::trace::predicate::{NEAR, PAD, SAMPLE_PAD};
 use prelight_runtime::sphere::cubemap::face_axes;
 
 /// Points of a box of origins: consecutive ones of a patch, which lie close together.
@@ -111,9 +111,26 @@ impl OriginBoxes {
     }
 }
 
-/// Cells of a face in which something of `occluders` may cover a texel centre for some origin in `origins`.
+/// What is covered: texel centres, or samples of texels.
+#[derive(Clone, Copy, Debug)]
+pub struct Raster {
+    /// Texels along a face's side.
+    pub face_resolution: usize,
+    /// Texels may be covered in part.
+    pub in_part: bool,
+}
+
+impl Raster {
+    /// By how much rectangles are widened, texels.
+    fn pad(self) -> f32 {
+        if self.in_part { SAMPLE_PAD } else { PAD }
+    }
+}
+
+/// Cells of a face in which something of `occluders` may cover a texel for some origin in `origins`.
 #[inline]
-pub fn reached_cells(face: usize, occluders: &Bounds, origins: &Bounds, face_resolution: usize) -> u64 {
+pub fn reached_cells(face: usize, occluders: &Bounds, origins: &Bounds, raster: Raster) -> u64 {
+    let (face_resolution, pad) = (raster.face_resolution, raster.pad());
     let (main, u, v, sign) = face_axes(face);
     let low = |axis: usize| occluders.lower[axis] - origins.upper[axis];
     let high = |axis: usize| occluders.upper[axis] - origins.lower[axis];
@@ -128,8 +145,8 @@ pub fn reached_cells(face: usize, occluders: &Bounds, origins: &Bounds, face_res
     let last = (face_resolution - 1) as f32;
     let texels = |axis: usize| {
         let (lo, hi) = (low(axis), high(axis));
-        let from = ((lo * r[0]).min(lo * r[1]) + (half - 0.5 - PAD)).max(0.0);
-        let to = ((hi * r[0]).max(hi * r[1]) + (half - 0.5 + PAD)).min(last);
+        let from = ((lo * r[0]).min(lo * r[1]) + (half - 0.5 - pad)).max(0.0);
+        let to = ((hi * r[0]).max(hi * r[1]) + (half - 0.5 + pad)).min(last);
         (from, to)
     };
     let ((x0, x1), (y0, y1)) = (texels(u), texels(v));
@@ -149,7 +166,8 @@ pub fn reached_cells(face: usize, occluders: &Bounds, origins: &Bounds, face_res
 }
 
 /// [`reached_cells`] of every origin of a box by itself, together: the same operations, lane by lane.
-pub fn reached_cells_of_points(face: usize, occluders: &Bounds, points: &BoxPoints, face_resolution: usize) -> u64 {
+pub fn reached_cells_of_points(face: usize, occluders: &Bounds, points: &BoxPoints, raster: Raster) -> u64 {
+    let face_resolution = raster.face_resolution;
     let (main, u, v, sign) = face_axes(face);
     let half = (face_resolution / 2) as f32;
     let last = (face_resolution - 1) as f32;
@@ -159,8 +177,8 @@ pub fn reached_cells_of_points(face: usize, occluders: &Bounds, points: &BoxPoin
     // What is not ahead gets an empty rectangle.
     let ahead = far.map(|far| far > NEAR);
     let far = far.map(|far| half / far);
-    let x = texels(along(u), &near, &far, half, last);
-    let y = texels(along(v), &near, &far, half, last);
+    let x = texels(along(u), &near, &far, raster, last);
+    let y = texels(along(v), &near, &far, raster, last);
 
     let up = |x: f32| {
         let whole = x as u32;
@@ -197,14 +215,15 @@ fn texels(
     (lower, upper, points): Along,
     near: &[f32; BOX_POINTS],
     far: &[f32; BOX_POINTS],
-    half: f32,
+    raster: Raster,
     last: f32,
 ) -> [[f32; BOX_POINTS]; 2] {
+    let (half, pad) = ((raster.face_resolution / 2) as f32, raster.pad());
     let mut ends = [[0.0; BOX_POINTS]; 2];
     for i in 0..BOX_POINTS {
         let (low, high) = (lower - points[i], upper - points[i]);
-        ends[0][i] = ((low * near[i]).min(low * far[i]) + (half - 0.5 - PAD)).max(0.0);
-        ends[1][i] = ((high * near[i]).max(high * far[i]) + (half - 0.5 + PAD)).min(last);
+        ends[0][i] = ((low * near[i]).min(low * far[i]) + (half - 0.5 - pad)).max(0.0);
+        ends[1][i] = ((high * near[i]).max(high * far[i]) + (half - 0.5 + pad)).min(last);
     }
     ends
 }
@@ -294,13 +313,16 @@ mod tests {
                 occluders.upper[case % 3] = occluders.lower[case % 3];
             }
             let n = [64, 128][case % 2];
-            let cells: [u64; 6] = std::array::from_fn(|face| reached_cells(face, &occluders, &origins, n));
+            let in_part = case % 3 == 0;
+            let raster = Raster { face_resolution: n, in_part };
+            let cells: [u64; 6] = std::array::from_fn(|face| reached_cells(face, &occluders, &origins, raster));
             for _ in 0..6 {
                 let origin = inside(&origins, &mut random);
                 let corners = canonical(&std::array::from_fn(|_| inside(&occluders, &mut random)));
                 for (face, cells) in cells.iter().enumerate() {
                     for (wy, wx) in (0..n / 64).flat_map(|y| (0..n / 64).map(move |x| (y, x))) {
                         let view = View::new(origin, n, face, [64 * wx, 64 * wy]);
+                        let view = if in_part { view.for_samples() } else { view };
                         let Some(Projected { rect, .. }) = Projected::new(&view, &corners) else { continue };
                         for (y, x) in (rect.y0..=rect.y1).flat_map(|y| (rect.x0..=rect.x1).map(move |x| (y, x))) {
                             let cell = (64 * wy + y as usize) * 8 / n * 8 + (64 * wx + x as usize) * 8 / n;
@@ -326,9 +348,10 @@ mod tests {
             let centre = random.cube().map(|c| c * [0.2, 3.0, 40.0][case / 3 % 3]);
             let occluders = box_at(centre, [1e-3, 0.5, 4.0][case / 9 % 3], &mut random);
             let origins = OriginBoxes::new(points.iter().copied());
-            for (face, n) in (0..6).flat_map(|face| [(face, 64), (face, 128)]) {
-                let expected = points.iter().fold(0, |cells, point| cells | reached_cells(face, &occluders, &Bounds::at(*point), n));
-                assert_eq!(reached_cells_of_points(face, &occluders, &origins.points[0], n), expected, "case {case}, face {face}");
+            for (face, face_resolution) in (0..6).flat_map(|face| [(face, 64), (face, 128)]) {
+                let raster = Raster { face_resolution, in_part: case % 2 == 0 };
+                let expected = points.iter().fold(0, |cells, point| cells | reached_cells(face, &occluders, &Bounds::at(*point), raster));
+                assert_eq!(reached_cells_of_points(face, &occluders, &origins.points[0], raster), expected, "case {case}, face {face}");
                 reached += expected.count_ones();
             }
         }

@@ -38,7 +38,7 @@ pub struct Stale {
 pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &Store, progress: &dyn Progress) -> Result<Stale, BakeError> {
     let pieces = Pieces::build(scene, world, &layers(scene, world, &options.rebake.layers), MAX_LAYERS);
     let nothing = Occluders::default();
-    let of = Shadowing { pieces: &pieces, occluders: &nothing, face_resolution: options.face_resolution };
+    let of = Shadowing { pieces: &pieces, occluders: &nothing, face_resolution: options.face_resolution, shades: options.visibility };
     let of_object = |object: usize| -> Result<Stale, BakeError> {
         check(progress)?;
         let plan = plan_object(scene, world, object, &options.points[object])?;

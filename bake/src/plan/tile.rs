@@ -14,7 +14,7 @@
 //! tile without rows has the bits of the horizon.
 
 use super::pieces::{DigestSum, NO_PIECE, Pieces};
-use super::shaft::{BOX_POINTS, MAX_BOXES, OriginBoxes, horizon_cells, reached_cells, reached_cells_of_points};
+use super::shaft::{BOX_POINTS, MAX_BOXES, OriginBoxes, Raster, horizon_cells, reached_cells, reached_cells_of_points};
 
 /// Tiles of a patch.
 pub const N_TILES: usize = 96;
@@ -137,7 +137,7 @@ pub struct Reach {
 
 impl Reach {
     /// Searches one layer.
-    pub fn new(pieces: &Pieces, layer: usize, origins: &OriginBoxes, open: &OpenCells, face_resolution: usize) -> Reach {
+    pub fn new(pieces: &Pieces, layer: usize, origins: &OriginBoxes, open: &OpenCells, raster: Raster) -> Reach {
         let mut reach = Reach { tiles: 0, sums: [DigestSum::default(); N_TILES], counts: [0; N_TILES] };
         let nodes = &pieces.nodes[layer];
         let mut at = 0;
@@ -145,7 +145,7 @@ impl Reach {
             let leaf = node.piece != NO_PIECE;
             let mut any = false;
             for face in (0..6).filter(|&face| open.patch[face] != 0) {
-                let wide = reached_cells(face, &node.bounds, &origins.patch, face_resolution) & open.patch[face];
+                let wide = reached_cells(face, &node.bounds, &origins.patch, raster) & open.patch[face];
                 if wide == 0 {
                     continue;
                 }
@@ -160,9 +160,9 @@ impl Reach {
                         continue;
                     }
                     // The box first, because it is one test instead of sixteen; its points, because they are what is traced from.
-                    let near = tiles_of_cells(reached_cells(face, &node.bounds, bounds, face_resolution) & open[face]) & !found;
+                    let near = tiles_of_cells(reached_cells(face, &node.bounds, bounds, raster) & open[face]) & !found;
                     if near != 0 {
-                        found |= near & tiles_of_cells(reached_cells_of_points(face, &node.bounds, points, face_resolution) & open[face]);
+                        found |= near & tiles_of_cells(reached_cells_of_points(face, &node.bounds, points, raster) & open[face]);
                     }
                     if found == possible {
                         break;

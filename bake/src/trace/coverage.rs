@@ -25,6 +25,10 @@ pub(super) struct Window {
     pub rows: [u64; 64],
     /// Bit y: row y has an open texel.
     pub any: u64,
+    /// `[64]` rows, of sampling only: bit = the texel is open in part, see `samples`.
+    pub parts: [u64; 64],
+    /// `[64·64]` open samples of texels open in part; of others, anything. Empty until something is sampled.
+    pub samples: Vec<u64>,
 }
 
 /// Bits first..=last.
@@ -35,7 +39,7 @@ pub(super) fn span(first: u32, last: u32) -> u64 {
 
 impl Window {
     pub fn closed() -> Self {
-        Window { rows: [0; 64], any: 0 }
+        Window { rows: [0; 64], any: 0, parts: [0; 64], samples: Vec::new() }
     }
 
     /// Recomputes `any` after the rows were set.
@@ -55,6 +59,17 @@ impl Window {
             rows &= rows - 1;
         }
         false
+    }
+
+    /// Closes samples of an open texel; whether none is left open.
+    #[inline(always)]
+    pub fn cover(&mut self, y: usize, x: usize, covered: u64) -> bool {
+        let at = 64 * y + x;
+        let before = if self.parts[y] >> x & 1 == 1 { self.samples[at] } else { u64::MAX };
+        let left = before & !covered;
+        self.samples[at] = left;
+        self.parts[y] |= u64::from(left != u64::MAX) << x;
+        left == 0
     }
 
     /// Closes the texels of `covered` in row y.

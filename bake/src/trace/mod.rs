@@ -10,6 +10,7 @@
 //! | `mask` | alpha cut-outs |
 //! | `tree` | 8-wide hierarchy, collapsed from obvhs' binary one |
 //! | `coverage`, `simd` | all texels of an origin at once: scalar, and its AVX2 twin |
+//! | `samples` | the same for 8×8 samples of every texel: grayscale |
 //! | `ray` | single rays: any hit, closest hit |
 //! | `path` | paths from a point over other surfaces to the environment |
 //! | `occluders` | the public face of the rest |
@@ -22,6 +23,9 @@ mod occluders;
 pub mod path;
 pub mod predicate;
 mod ray;
+pub mod samples;
+#[cfg(test)]
+mod samples_tests;
 #[cfg(test)]
 pub(crate) mod scenes;
 #[cfg(target_arch = "x86_64")]

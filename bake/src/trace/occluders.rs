@@ -5,6 +5,7 @@ use super::horizon;
 use super::mask::MaskTable;
 use super::predicate::{View, canonical_order, is_traceable};
 use super::ray::{self, Hit, ORDERS, RayScene};
+use super::samples::Sampled;
 #[cfg(target_arch = "x86_64")]
 use super::simd;
 use super::tree::{EMPTY, Tree};
@@ -200,6 +201,85 @@ impl Occluders {
                 }
             }
         }
+    }
+
+    /// [`Occluders::close_covered_by`] for samples (`trace::samples`). A bit of `open` says that a sample of the texel is open; `parts` lists,
+    /// by number of texel (face·n² + y·n + x), the open samples of those texels of which some are not, and is brought up to date.
+    ///
+    /// # Panics
+    /// As `close_covered_by`.
+    pub fn close_samples_by(
+        &self,
+        layer: usize,
+        faces: impl Iterator<Item = usize>,
+        from: &TraceOrigin,
+        face_resolution: usize,
+        scratch: &mut Scratch,
+        (open, parts): (&mut [u64], &mut Vec<(u32, u64)>),
+    ) {
+        let (n, words) = (face_resolution, face_resolution / 64);
+        assert!(n.is_power_of_two() && n >= 64, "face resolution {n} is not a power of two from 64 up");
+        assert_eq!(open.len(), 6 * n * words, "one bit a texel");
+        let tree = &self.trees[layer];
+        if tree.root == EMPTY {
+            return;
+        }
+        let Scratch { stack, excluded, window } = scratch;
+        stack.reserve(tree.stack_size);
+        window.samples.resize(64 * 64, 0);
+        excluded.set(tree, from.base_triangles);
+        let scene = coverage::Scene { tree, masks: &self.masks, excluded };
+        let (mut done, mut first) = (Vec::with_capacity(parts.len()), 0);
+        for face in faces {
+            let of_face = ((face * n * n) as u32, ((face + 1) * n * n) as u32);
+            first += parts[first..].partition_point(|(texel, _)| *texel < of_face.0);
+            let end = first + parts[first..].partition_point(|(texel, _)| *texel < of_face.1);
+            let known = &parts[first..end];
+            first = end;
+            for (wy, wx) in (0..words).flat_map(|y| (0..words).map(move |x| (y, x))) {
+                let at = |y: usize| (face * n + wy * 64 + y) * words + wx;
+                for y in 0..64 {
+                    window.rows[y] = open[at(y)];
+                }
+                window.refresh();
+                if window.any == 0 {
+                    continue;
+                }
+                window.parts = [0; 64];
+                for (texel, samples) in known {
+                    let (y, x) = (*texel as usize / n % n, *texel as usize % n);
+                    if (y / 64, x / 64) == (wy, wx) {
+                        window.parts[y % 64] |= 1 << (x % 64);
+                        window.samples[y % 64 * 64 + x % 64] = *samples;
+                    }
+                }
+                let view = View::new(from.origin, n, face, [wx * 64, wy * 64]).for_samples();
+                self.cover_samples(scene, &view, window, stack);
+                for y in 0..64 {
+                    open[at(y)] = window.rows[y];
+                    let mut rest = window.rows[y] & window.parts[y];
+                    while rest != 0 {
+                        let x = rest.trailing_zeros() as usize;
+                        rest &= rest - 1;
+                        done.push((((face * n + wy * 64 + y) * n + wx * 64 + x) as u32, window.samples[64 * y + x]));
+                    }
+                }
+            }
+        }
+        if words > 1 {
+            done.sort_unstable_by_key(|(texel, _)| *texel);
+        }
+        *parts = done;
+    }
+
+    fn cover_samples(&self, scene: coverage::Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
+        #[cfg(target_arch = "x86_64")]
+        if self.simd == SimdPath::Avx2
+            && let Some(kernel) = simd::Avx2::detect()
+        {
+            return kernel.cover_samples(scene, view, window, stack);
+        }
+        coverage::cover(Sampled(Scalar), scene, view, window, stack);
     }
 
     fn cover(&self, scene: coverage::Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {

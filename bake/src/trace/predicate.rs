@@ -43,6 +43,9 @@ pub(crate) const NEAR: f32 = 7.888609e-31;
 /// Width in texels by which a triangle's rectangle is widened.
 pub(crate) const PAD: f32 = 1.0 / 128.0;
 
+/// The same for the texels that a triangle touches: samples lie up to 7/16 from their texel's centre.
+pub(crate) const SAMPLE_PAD: f32 = 0.5;
+
 /// Triangles with a coordinate beyond this (2⁴⁰ m) do not occlude; products of three differences stay finite below it.
 pub const LARGEST_COORDINATE: f32 = 1.0995116e12;
 
@@ -88,6 +91,8 @@ pub(crate) struct View {
     pub origin: [f32; 3],
     /// Half the face resolution: texels from the face's centre to its side.
     pub half: f32,
+    /// By how many texels rectangles are widened: [`PAD`], or [`SAMPLE_PAD`] for the texels that are touched.
+    pub pad: f32,
     /// First column and row of the window.
     pub first: [f32; 2],
     /// `[64 + 8]` direction of the window's columns, exact; eight more so that a SIMD load may start at any column.
@@ -115,10 +120,16 @@ impl View {
             sign,
             origin: [origin[main], origin[u], origin[v]],
             half,
+            pad: PAD,
             first: first.map(|i| i as f32),
             du: std::array::from_fn(|i| centre(first[0] + i)),
             dv: std::array::from_fn(|i| centre(first[1] + i)),
         }
+    }
+
+    /// The same window with rectangles of touched texels instead of covered centres (`samples.rs`).
+    pub fn for_samples(self) -> Self {
+        View { pad: SAMPLE_PAD, ..self }
     }
 
     /// A world position relative to the origin, in (depth, column, row) coordinates.
@@ -134,7 +145,7 @@ impl View {
     /// Window rectangle of the projected interval [lo, hi] of both axes, in texels from the face's centre; `None` without a texel centre.
     #[inline(always)]
     pub fn rect(&self, lo: [f32; 2], hi: [f32; 2]) -> Option<Rect> {
-        let (low, high) = (self.half - 0.5 - PAD, self.half - 0.5 + PAD);
+        let (low, high) = (self.half - 0.5 - self.pad, self.half - 0.5 + self.pad);
         let from = |i: usize| max_ps((lo[i] + low).ceil(), self.first[i]);
         let to = |i: usize| min_ps((hi[i] + high).floor(), self.first[i] + 63.0);
         let (x0, x1, y0, y1) = (from(0), to(0), from(1), to(1));

@@ -5,8 +5,9 @@
 //! scalar's. Triangles of at most 2×2 texels are evaluated eight at once; larger ones row by row.
 
 use super::coverage::{self, Kernel, Scene, Waiting, Window, span};
-use super::predicate::{NEAR, PAD, Rect, View};
+use super::predicate::{NEAR, Rect, View};
 use super::ray::{self, Hit, RayScene};
+use super::samples::{Edges, SIDE, SampleKernel, Sampled, Triangles};
 use super::tree::{Block, Child, LANES, Node, Tree, child};
 use std::arch::x86_64::*;
 
@@ -23,6 +24,12 @@ impl Avx2 {
     pub fn cover(self, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
         // SAFETY: `self` proves that the CPU has AVX2.
         unsafe { cover(self, scene, view, window, stack) }
+    }
+
+    /// [`coverage::cover`] of samples, compiled for AVX2.
+    pub fn cover_samples(self, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
+        // SAFETY: `self` proves that the CPU has AVX2.
+        unsafe { cover_samples(self, scene, view, window, stack) }
     }
 
     /// [`ray::occluded`] compiled for AVX2.
@@ -46,6 +53,11 @@ fn occluded(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) 
 #[target_feature(enable = "avx2")]
 fn closest_hit(scene: RayScene, origin: [f32; 3], direction: [f32; 3]) -> Option<Hit> {
     ray::closest_hit(scene, origin, direction)
+}
+
+#[target_feature(enable = "avx2")]
+fn cover_samples(kernel: Avx2, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
+    coverage::cover(Sampled(kernel), scene, view, window, stack);
 }
 
 #[target_feature(enable = "avx2")]
@@ -79,6 +91,71 @@ impl Kernel for Avx2 {
     }
 }
 
+impl SampleKernel for Avx2 {
+    #[inline(always)]
+    fn triangles(self, scene: Scene, block: usize, view: &View, window: &Window, out: &mut Triangles) -> u32 {
+        // SAFETY: `self` proves that the CPU has AVX2.
+        unsafe { triangles(scene, block, view, window, out) }
+    }
+
+    #[inline(always)]
+    fn texels(self, du: &[f32; LANES], edges: &Edges, rows: &[[f32; 2]; 3]) -> [u32; 2] {
+        // SAFETY: `self` proves that the CPU has AVX2.
+        unsafe { texels(du, edges, rows) }
+    }
+
+    #[inline(always)]
+    fn samples(self, planes: &[[f32; 3]; 3], du: &[f32; SIDE], dv: &[f32; SIDE]) -> u64 {
+        // SAFETY: `self` proves that the CPU has AVX2.
+        unsafe { samples(planes, du, dv) }
+    }
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn triangles(scene: Scene, index: usize, view: &View, window: &Window, out: &mut Triangles) -> u32 {
+    let Some(SetUp { packed, open, planes, .. }) = set_up(scene, index, view, window) else { return 0 };
+    out.rects = packed;
+    for k in 0..3 {
+        for c in 0..3 {
+            store(&mut out.planes[k][c], planes[k][c]);
+        }
+    }
+    open
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn texels(du: &[f32; LANES], edges: &Edges, rows: &[[f32; 2]; 3]) -> [u32; 2] {
+    let du = load(du);
+    let at = |k: usize, side: usize| {
+        let offset = if side == 0 { edges.most[k] } else { -edges.most[k] };
+        let along = _mm256_mul_ps(_mm256_add_ps(du, _mm256_set1_ps(offset)), _mm256_set1_ps(edges.planes[k][1]));
+        _mm256_add_ps(_mm256_set1_ps(rows[k][side]), along)
+    };
+    let inside = |side: usize| {
+        let least = least3(at(0, side), at(1, side), at(2, side));
+        _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GE_OQ>(least, _mm256_setzero_ps())) as u32
+    };
+    let (touched, whole) = (inside(0), inside(1));
+    [whole, touched & !whole]
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn samples(planes: &[[f32; 3]; 3], du: &[f32; SIDE], dv: &[f32; SIDE]) -> u64 {
+    let du = load(du);
+    let along = |k: usize| _mm256_mul_ps(du, _mm256_set1_ps(planes[k][1]));
+    let along = [along(0), along(1), along(2)];
+    let mut covered = 0;
+    for (j, dv) in dv.iter().enumerate() {
+        let e = |k: usize| _mm256_add_ps(_mm256_set1_ps(planes[k][0] + dv * planes[k][2]), along[k]);
+        let inside = _mm256_cmp_ps::<_CMP_GE_OQ>(least3(e(0), e(1), e(2)), _mm256_setzero_ps());
+        covered |= u64::from(_mm256_movemask_ps(inside) as u32) << (8 * j);
+    }
+    covered
+}
+
 #[inline]
 #[target_feature(enable = "avx2")]
 fn load(lanes: &[f32; LANES]) -> __m256 {
@@ -110,8 +187,8 @@ struct Rects {
 #[inline]
 #[target_feature(enable = "avx2")]
 fn rects(view: &View, lo: [__m256; 2], hi: [__m256; 2], alive: __m256) -> Rects {
-    let low = _mm256_set1_ps(view.half - 0.5 - PAD);
-    let high = _mm256_set1_ps(view.half - 0.5 + PAD);
+    let low = _mm256_set1_ps(view.half - 0.5 - view.pad);
+    let high = _mm256_set1_ps(view.half - 0.5 + view.pad);
     let first = [_mm256_set1_ps(view.first[0]), _mm256_set1_ps(view.first[1])];
     let last = [_mm256_set1_ps(view.first[0] + 63.0), _mm256_set1_ps(view.first[1] + 63.0)];
     let x0 = _mm256_max_ps(_mm256_ceil_ps(_mm256_add_ps(lo[0], low)), first[0]);
@@ -231,9 +308,19 @@ fn triangle_rects(view: &View, a: &[Vector; 3]) -> Rects {
     rects(view, lo, hi, alive)
 }
 
+/// The triangles of a block that may close something.
+struct SetUp {
+    found: Rects,
+    packed: [u32; LANES],
+    /// Bit a lane.
+    open: u32,
+    /// Edge planes with the sign of det.
+    planes: [Vector; 3],
+}
+
 #[inline]
 #[target_feature(enable = "avx2")]
-fn cover_block(scene: Scene, index: usize, view: &View, window: &mut Window) {
+fn set_up(scene: Scene, index: usize, view: &View, window: &Window) -> Option<SetUp> {
     let block = &scene.tree.blocks[index];
     let origin = [_mm256_set1_ps(view.origin[0]), _mm256_set1_ps(view.origin[1]), _mm256_set1_ps(view.origin[2])];
     let sign_bit = _mm256_set1_ps(-0.0);
@@ -248,7 +335,7 @@ fn cover_block(scene: Scene, index: usize, view: &View, window: &mut Window) {
     let found = triangle_rects(view, &a);
     let mut lanes = _mm256_movemask_ps(found.lanes) as u32;
     if lanes == 0 {
-        return;
+        return None;
     }
     lanes &= !scene.excluded.lanes(index);
     let mut packed = [0; LANES];
@@ -260,7 +347,7 @@ fn cover_block(scene: Scene, index: usize, view: &View, window: &mut Window) {
         open |= u32::from(window.is_open(coverage::unpack(packed[lane as usize]))) << lane;
     }
     if open == 0 {
-        return;
+        return None;
     }
 
     // Edge planes and det of all eight, in the order of `predicate::signed_planes`.
@@ -269,13 +356,20 @@ fn cover_block(scene: Scene, index: usize, view: &View, window: &mut Window) {
     let det = _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(a[0][0], n[0]), _mm256_mul_ps(a[0][1], n[1])), _mm256_mul_ps(a[0][2], n[2]));
     open &= _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_NEQ_OQ>(det, _mm256_setzero_ps())) as u32;
     if open == 0 {
-        return;
+        return None;
     }
     let flip = _mm256_and_ps(det, sign_bit);
     let signed = |c: Vector| [_mm256_xor_ps(c[0], flip), _mm256_xor_ps(c[1], flip), _mm256_xor_ps(c[2], flip)];
     let planes =
         [signed(cross(difference(a[1], a[2]), sum(a[1], a[2]))), signed(cross(e20, sum(a[2], a[0]))), signed(cross(e01, sum(a[0], a[1])))];
+    Some(SetUp { found, packed, open, planes })
+}
 
+#[inline]
+#[target_feature(enable = "avx2")]
+fn cover_block(scene: Scene, index: usize, view: &View, window: &mut Window) {
+    let Some(SetUp { found, packed, open, planes }) = set_up(scene, index, view, window) else { return };
+    let block = &scene.tree.blocks[index];
     let [x0, x1, y0, y1] = found.bounds;
     let one = _mm256_set1_ps(1.0);
     let small =

@@ -1,6 +1,6 @@
 //! The tables of `scene.toml`. The comments of fields here are the descriptions in the JSON schema.
 
-use crate::quality::{BvhBuild, Knobs, Quality};
+use crate::quality::{BvhBuild, Knobs, Quality, Shades};
 use crate::{ByteSize, Technique};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -115,6 +115,9 @@ pub struct BakeSection {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("enum" = [64, 128]))]
     pub face_resolution: Option<u32>,
+    /// Shades of a texel that an edge crosses: `binary`, or `gray2`, `gray4`, `gray6`, `gray8`, `gray` by bits, the last not quantised.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub visibility: Option<Shades>,
     /// How long the BVH build may take. Changes no bit of the result.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bvh: Option<BvhBuild>,
@@ -131,6 +134,7 @@ impl BakeSection {
             max_error: self.max_error.unwrap_or(preset.max_error),
             coarser: self.coarser.unwrap_or(preset.coarser),
             face_resolution: self.face_resolution.unwrap_or(preset.face_resolution),
+            visibility: self.visibility.unwrap_or(preset.visibility),
             bvh: self.bvh.unwrap_or(preset.bvh),
         }
     }

@@ -37,6 +37,7 @@ impl Template {
             knob(&format!("# area_floor = {:?}", knobs.area_floor), "edges at shadow borders are split down to this share of edge_length");
         let coarser = knob("# coarser = false", "true: fewer points than vertices where the mesh is finer than edge_length");
         let face = knob(&format!("# face_resolution = {}", knobs.face_resolution), "texels along the side of a cubemap face: 64 or 128");
+        let shades = knob("# visibility = \"binary\"", "binary, or gray2, gray4, gray6, gray8, gray: anti-aliased shadows of small lights");
         let material = quote(&glob_of(self.materials.first().map_or("Vase", String::as_str)));
         let object = quote(&glob_of(self.objects.first().map_or("**/Sofa", String::as_str)));
         format!(
@@ -65,6 +66,7 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 {floor}
 {coarser}
 {face}
+{shades}
 # bvh = "medium"             # fast | medium | slow to build; changes no bit of the result
 
 # Changes to materials whose names match; a value replaces the glTF factor.

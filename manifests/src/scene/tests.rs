@@ -270,7 +270,18 @@ fn schema_knows_every_key_and_forbids_others() {
         assert!(schema["properties"][key]["description"].is_string(), "{key} has no description");
     }
     let bake = &schema["$defs"]["BakeSection"]["properties"];
-    for key in ["quality", "edge_length", "max_error", "technique", "bounces", "normal_angle_deg", "area_floor", "face_resolution", "bvh"] {
+    for key in [
+        "quality",
+        "edge_length",
+        "max_error",
+        "technique",
+        "bounces",
+        "normal_angle_deg",
+        "area_floor",
+        "face_resolution",
+        "visibility",
+        "bvh",
+    ] {
         assert!(bake[key].is_object(), "{key}");
     }
     assert!(schema["$defs"]["MaterialRule"]["properties"]["match"].is_object());

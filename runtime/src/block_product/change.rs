@@ -110,6 +110,23 @@ pub fn update_diffuse(change: &LightChange, visibility: &Visibility, irradiance:
                 add(&suffix[from], &suffix[BLOCK_TEXELS]);
             }
         }
+        if let Some(fractions) = own.fractions.filter(|fractions| !fractions.is_empty()) {
+            let step = 1.0 / f64::from(fractions.steps);
+            let mut changed = change.blocks.iter().map(|block| usize::from(*block)).enumerate().peekable();
+            for (position, correction) in fractions.iter() {
+                let block = position / BLOCK_TEXELS;
+                while changed.next_if(|(_, changed)| *changed < block).is_some() {}
+                match changed.peek() {
+                    None => break,
+                    Some((at, changed)) if *changed == block => {
+                        let first = at * (BLOCK_TEXELS + 1) + position % BLOCK_TEXELS;
+                        let (from, to) = (&change.suffix[first], &change.suffix[first + 1]);
+                        (0..9).for_each(|lane| sum[lane] += f64::from(correction) * step * (from[lane] - to[lane]));
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
         let (high, low) = (irradiance[point].as_flattened_mut(), rest[point].as_flattened_mut());
         for lane in 0..9 {
             let exact = f64::from(high[lane]) + f64::from(low[lane]) + sum[lane];

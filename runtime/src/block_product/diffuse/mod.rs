@@ -6,6 +6,8 @@
 //!
 //! Differences first, sums of differences next: a sum of signed suffixes would lose 6e-8 of *all* light at each step. Four accumulators,
 //! pair k into accumulator k mod 4, then (0 + 1) + (2 + 3): every path adds in this order without FMA, so their bits are equal.
+//!
+//! Grayscale adds, in accumulators of its own and in the same order, Σ c(p) · (suffix\[p\] − suffix\[p + 1\]) / steps over the texels open in part.
 
 #[cfg(target_arch = "x86_64")]
 mod simd;
@@ -45,14 +47,24 @@ fn shade_scalar(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]
             (0..9).for_each(|lane| sums[pair % 4][lane] += from.0[lane] - to.0[lane]);
             pair += 1;
         };
-        visibility.point(point).for_each_transition(|position| match begin.take() {
+        visibility.point(point).for_each_base_transition(|position| match begin.take() {
             None => begin = Some(position),
             Some(from) => add(from, position),
         });
         if let Some(from) = begin {
             add(from, end);
         }
-        let sum = |lane: usize| (sums[0][lane] + sums[1][lane]) + (sums[2][lane] + sums[3][lane]);
-        *out = std::array::from_fn(|channel| std::array::from_fn(|axis| sum(3 * channel + axis)));
+        let total = |sums: &[[f32; 9]; 4], lane: usize| (sums[0][lane] + sums[1][lane]) + (sums[2][lane] + sums[3][lane]);
+        let mut all: [f32; 9] = std::array::from_fn(|lane| total(&sums, lane));
+        if let Some(fractions) = visibility.point(point).fractions {
+            let mut sums = [[0.0f32; 9]; 4];
+            for (k, (position, correction)) in fractions.iter().enumerate() {
+                let (from, to) = (&light.suffix[position].0, &light.suffix[position + 1].0);
+                (0..9).for_each(|lane| sums[k % 4][lane] += f32::from(correction) * (from[lane] - to[lane]));
+            }
+            let step = 1.0 / fractions.steps as f32;
+            (0..9).for_each(|lane| all[lane] += total(&sums, lane) * step);
+        }
+        *out = std::array::from_fn(|channel| std::array::from_fn(|axis| all[3 * channel + axis]));
     }
 }

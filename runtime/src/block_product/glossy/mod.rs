@@ -54,19 +54,19 @@ pub struct Accuracy {
 
 impl Accuracy {
     /// For measurements and converged pictures: 70 to 90 dB in linear radiance.
-    pub const EXACT: Accuracy = Accuracy { relative: GLOSSY_TOLERANCE, floor: GLOSSY_FLOOR };
+    pub const FINE: Accuracy = Accuracy { relative: GLOSSY_TOLERANCE, floor: GLOSSY_FLOOR };
     /// For a display: meant for errors of about a thousandth of white, the sky's mean radiance standing for white; its PSNR is not measured yet.
     pub const DISPLAY: Accuracy = Accuracy { relative: 1e-2, floor: 0.25 };
 
     /// The accuracy that keeps glossy light out of a relative L2 error of `max_error`: a twentieth of it.
     pub fn from_max_error(max_error: f32) -> Self {
-        Accuracy { relative: (0.05 * max_error).clamp(0.0, 0.05), ..Accuracy::EXACT }
+        Accuracy { relative: (0.05 * max_error).clamp(0.0, 0.05), ..Accuracy::FINE }
     }
 }
 
-/// `relative` of [`Accuracy::EXACT`].
+/// `relative` of [`Accuracy::FINE`].
 pub const GLOSSY_TOLERANCE: f32 = 1e-3;
-/// `floor` of [`Accuracy::EXACT`].
+/// `floor` of [`Accuracy::FINE`].
 pub const GLOSSY_FLOOR: f32 = 1e-2;
 /// Share of the threshold for what is dropped: losses add up, while errors of samples differ in sign.
 const DROPPED: f32 = 0.5;
@@ -77,7 +77,7 @@ const SHARES: f32 = 8.0;
 /// Threshold of a cell, relative to a block's: there are sixteen of them.
 const CELL_SHARE: f32 = 0.25;
 
-/// Glossy radiance of GGX surfaces of a patch toward `eye`, W·sr⁻¹·m⁻², to [`Accuracy::EXACT`].
+/// Glossy radiance of GGX surfaces of a patch toward `eye`, W·sr⁻¹·m⁻², to [`Accuracy::FINE`].
 ///
 /// `position` in metres, `surfaces` normals and roughnesses of the same points. See [`shade_lobes`].
 pub fn shade_glossy(

@@ -23,9 +23,12 @@ pub(super) struct Over<'a, const ENERGY: bool> {
 struct Group {
     group: u16,
     bits: u16,
-    /// 0 blocks, 1 cells, 2 texels.
+    /// 0 blocks, 1 cells, 2 texels, 3 texels of which some are open in part.
     level: u8,
 }
+
+/// Level of texels of which some are open in part.
+const IN_PART: u8 = 3;
 
 /// Groups waiting to be summed, so that one loop sums many with the lobe in registers.
 struct List {
@@ -58,7 +61,14 @@ fn part(values: &[f32], group: usize) -> &[f32; WIDTH] {
 /// Bits of the runs of a group that matter, and of those that one sample would miss.
 trait Parts {
     fn classify<L: Lanes>(&self, lanes: L, level: &Level, group: usize, threshold: f32) -> [u16; 2];
-    fn sum<L: Lanes, const ENERGY: bool>(&self, lanes: L, levels: [&Level; 3], groups: &[Group]) -> Glossy;
+    /// `parts` gives the openness of a cell's texels.
+    fn sum<L: Lanes, const ENERGY: bool>(
+        &self,
+        lanes: L,
+        levels: [&Level; 4],
+        groups: &[Group],
+        parts: &impl Fn(usize) -> [f32; WIDTH],
+    ) -> Glossy;
     /// Upper bounds of the lobe over the runs of a group.
     fn most<L: Lanes>(&self, lanes: L, level: &Level, group: usize) -> [f32; WIDTH];
 }
@@ -102,7 +112,13 @@ impl<F: Formula> Parts for Smooth<'_, F> {
     }
 
     #[inline(always)]
-    fn sum<L: Lanes, const ENERGY: bool>(&self, lanes: L, levels: [&Level; 3], groups: &[Group]) -> Glossy {
+    fn sum<L: Lanes, const ENERGY: bool>(
+        &self,
+        lanes: L,
+        levels: [&Level; 4],
+        groups: &[Group],
+        parts: &impl Fn(usize) -> [f32; WIDTH],
+    ) -> Glossy {
         let lobe = Registers::new(lanes, self.lobe);
         let zero = lanes.splat(0.0);
         let mut sums = [[zero; 3]; 2];
@@ -112,7 +128,10 @@ impl<F: Formula> Parts for Smooth<'_, F> {
             let local = lobe.local(lanes, [load(&level.direction[0]), load(&level.direction[1]), load(&level.direction[2])]);
             let lit = lanes.both(lanes.mask(group.bits), lanes.greater(local[2], zero));
             let (value, hh) = F::value(lanes, &lobe, local);
-            let value = lanes.keep(lit, value);
+            let mut value = lanes.keep(lit, value);
+            if group.level == IN_PART {
+                value = lanes.mul(value, lanes.load(&parts(at)));
+            }
             if ENERGY {
                 sums[0][0] = lanes.fma(load(&level.flux[0]), value, sums[0][0]);
             } else if F::SCHLICK {
@@ -162,11 +181,21 @@ impl Parts for Table<'_> {
     }
 
     #[inline(always)]
-    fn sum<L: Lanes, const ENERGY: bool>(&self, lanes: L, levels: [&Level; 3], groups: &[Group]) -> Glossy {
+    fn sum<L: Lanes, const ENERGY: bool>(
+        &self,
+        lanes: L,
+        levels: [&Level; 4],
+        groups: &[Group],
+        parts: &impl Fn(usize) -> [f32; WIDTH],
+    ) -> Glossy {
         let mut sums = [lanes.splat(0.0); 3];
         for group in groups {
             let (at, level) = (usize::from(group.group), levels[usize::from(group.level)]);
-            let values = measured_values(self.0, Self::directions(level, at), group.bits);
+            let mut values = measured_values(self.0, Self::directions(level, at), group.bits);
+            if group.level == IN_PART {
+                let parts = parts(at);
+                values.iter_mut().for_each(|values| values.iter_mut().zip(&parts).for_each(|(value, part)| *value *= part));
+            }
             for channel in 0..3 {
                 sums[channel] = lanes.fma(lanes.load(part(&level.flux[channel], at)), lanes.load(&values[channel]), sums[channel]);
             }
@@ -179,7 +208,8 @@ impl<const ENERGY: bool> Over<'_, ENERGY> {
     #[inline(always)]
     fn levels<L: Lanes, P: Parts>(&self, lanes: L, parts: &P) -> Glossy {
         let light = self.light;
-        let levels = [&light.blocks, &light.cells, &light.texels];
+        let levels = [&light.blocks, &light.cells, &light.texels, &light.texels];
+        let openness = |cell: usize| self.seen.weights_of(cell, self.point);
         let mut sums = Glossy::default();
         let mut list = List::new();
         for group in 0..self.seen.groups {
@@ -194,7 +224,7 @@ impl<const ENERGY: bool> Over<'_, ENERGY> {
             // One place where the list is summed, with room for what a turn adds.
             while apart != 0 || last || list.len > List::CAPACITY - List::BLOCK {
                 if list.len > List::CAPACITY - List::BLOCK || apart == 0 {
-                    let part = parts.sum::<L, ENERGY>(lanes, levels, &list.groups[..list.len]);
+                    let part = parts.sum::<L, ENERGY>(lanes, levels, &list.groups[..list.len], &openness);
                     for (sum, part) in sums.as_flattened_mut().iter_mut().zip(part.as_flattened()) {
                         *sum += part;
                     }
@@ -205,19 +235,22 @@ impl<const ENERGY: bool> Over<'_, ENERGY> {
                 }
                 let block = WIDTH * group + apart.trailing_zeros() as usize;
                 apart &= apart - 1;
-                let cells = self.seen.cells_of(block, self.point);
+                let mut cells = self.seen.cells_of(block, self.point);
+                let in_part = self.seen.add_parts(block, self.point, &mut cells);
                 let (mut open, mut mixed) = (0u16, 0u16);
                 for (cell, bits) in cells.iter().enumerate() {
                     open |= u16::from(*bits == u16::MAX) << cell;
                     mixed |= u16::from(*bits != 0 && *bits != u16::MAX) << cell;
                 }
+                (open, mixed) = (open & !in_part, mixed | in_part);
                 let [matters, bent] = parts.classify(lanes, &light.cells, block, CELL_SHARE * self.threshold);
                 list.push(1, block, open & !bent & matters);
                 let mut whole = (open & bent) | (mixed & matters);
                 while whole != 0 {
                     let cell = whole.trailing_zeros() as usize;
                     whole &= whole - 1;
-                    list.push(2, WIDTH * block + cell, cells[cell]);
+                    let level = if in_part >> cell & 1 == 1 { IN_PART } else { 2 };
+                    list.push(level, WIDTH * block + cell, cells[cell]);
                 }
             }
         }
