@@ -574,6 +574,8 @@ impl Sealing<'_> {
         let mut writer = self.store.writer();
         let mut waiting = 0;
         let mut sealed = Vec::with_capacity(work.len());
+        let patches = work.iter().map(|object| object.plan.patches.len() as u64).sum();
+        let stage = Stage::begin(self.progress, "seal", Some(patches), "patches");
         let snapshot = self.snapshot.key();
         let data = self.snapshot.encode();
         let recorded = whole && data.len() <= MAX_RECORD_DATA;
@@ -602,8 +604,10 @@ impl Sealing<'_> {
                 let points = writer.put(ChunkKind::Points, Dtype::U8, vec![n], &plan.points(patch).to_chunk())?;
                 let surface = writer.put(ChunkKind::Surface, Dtype::U8, vec![n], &surfaces.patch(patch).to_chunk())?;
                 patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility: visibility.clone(), transfer });
+                stage.advance(1);
                 waiting += n as usize;
                 if waiting >= POINTS_PER_SHARD {
+                    check(self.progress)?;
                     stats.bytes_stored += commit(std::mem::replace(&mut writer, self.store.writer()))?;
                     waiting = 0;
                 }
