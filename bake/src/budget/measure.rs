@@ -111,8 +111,11 @@ fn measure(
     }
     let (mut scratch, mut open) = (Scratch::default(), vec![0; open_words(TRUE_RESOLUTION)]);
     let mut lit: BTreeMap<u32, Vec<Irradiance>> = BTreeMap::new();
+    // By name: an object that is added before this one does not move its places.
+    let seed = blake3::hash(plan.base.name.as_bytes());
+    let seed = u64::from_le_bytes(std::array::from_fn(|i| seed.as_bytes()[i]));
     for place in 0..places {
-        let random = |dimension: u64| unit(plan.object, place as u64, dimension);
+        let random = |dimension: u64| unit(seed, place as u64, dimension);
         // Strata of equal area, one place in each.
         let at = area * (place as f64 + random(0)) / places as f64;
         let triangle = areas.partition_point(|end| *end <= at).min(areas.len() - 1);
@@ -199,8 +202,8 @@ fn gather(light: &LightCubemap, open: &[u64]) -> Irradiance {
 }
 
 /// A number in 0..1 from counters: splitmix64.
-fn unit(object: u32, place: u64, dimension: u64) -> f64 {
-    let mut x = (u64::from(object) << 40) ^ (place << 8) ^ dimension;
+fn unit(seed: u64, place: u64, dimension: u64) -> f64 {
+    let mut x = seed ^ (place << 8) ^ dimension;
     x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

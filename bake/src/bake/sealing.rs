@@ -1,0 +1,148 @@
+//! Sealing the objects of a batch: their chunks, their part of the manifest, and the records by which a later bake takes them over whole.
+
+use super::commit;
+use super::options::BakeOptions;
+use super::stats::BakeStats;
+use super::work::{ObjectWork, trace_missing};
+use crate::budget::{ObjectError, Probes};
+use crate::engine::object::{ObjectCounts, ObjectRecord};
+use crate::engine::threads::Tracer;
+use crate::engine::transfer::TransferBaker;
+use crate::error::BakeError;
+use crate::plan::ObjectPlan;
+use crate::plan::preview::first_stops;
+use crate::plan::snapshot::Snapshot;
+use crate::plan::surface::point_surfaces;
+use crate::progress::{Progress, Stage, check};
+use crate::scene::Scene;
+use crate::scene::world::World;
+use crate::seal::base_chunk;
+use crate::trace::Occluders;
+use prelight_manifests::asset::{AssetObject, AssetPatch};
+use prelight_manifests::{ChunkKind, Digest, Dtype, Technique};
+use prelight_runtime::asset::points::PATCH_POINTS;
+use prelight_store::{MAX_RECORD_DATA, Record, Store};
+use rayon::prelude::*;
+
+/// What sealing an object reads beside the object.
+pub(super) struct Sealing<'a> {
+    pub scene: &'a Scene,
+    pub options: &'a BakeOptions,
+    pub store: &'a Store,
+    pub progress: &'a dyn Progress,
+    /// `[objects of the scene]`.
+    pub keys: &'a [Digest],
+    pub snapshot: &'a Snapshot,
+    /// Where an object asks for it.
+    pub transfer: Option<&'a TransferBaker<'a>>,
+}
+
+impl Sealing<'_> {
+    /// Traces what a preview of about so many points needs, and gives that part of each object.
+    pub fn first_points(
+        &self,
+        work: &mut [ObjectWork],
+        points: usize,
+        tracer: &Tracer,
+        stats: &mut BakeStats,
+    ) -> Result<Vec<ObjectWork>, BakeError> {
+        let plans: Vec<&ObjectPlan> = work.iter().map(|object| &object.plan).collect();
+        let stops = first_stops(&plans, points);
+        trace_missing(tracer, self.options, work, stats, Some(&stops))?;
+        Ok(work.par_iter().zip(&stops).map(|(object, stop)| object.first_patches((*stop).max(object.visibility.len()))).collect())
+    }
+
+    /// What is lost between the points of finished objects.
+    pub fn measure(
+        &self,
+        work: &[ObjectWork],
+        world: &World,
+        occluders: &Occluders,
+        probes: &Probes,
+    ) -> Result<Vec<ObjectError>, BakeError> {
+        let stage = Stage::begin(self.progress, "measure", Some(work.len() as u64), "objects");
+        let measured = work.par_iter().with_max_len(1).map(|object| {
+            check(self.progress)?;
+            let error = object.measure(world, occluders, self.options, probes)?;
+            stage.advance(1);
+            Ok(error)
+        });
+        measured.collect()
+    }
+
+    /// Puts what is final only now (areas change when triangles are split), names every chunk of the objects and, where they are `whole`,
+    /// records them.
+    pub fn seal(&self, work: &[ObjectWork], whole: bool, stats: &mut BakeStats) -> Result<Vec<AssetObject>, BakeError> {
+        const POINTS_PER_SHARD: usize = 64 * PATCH_POINTS;
+        let mut writer = self.store.writer();
+        let mut waiting = 0;
+        let mut sealed = Vec::with_capacity(work.len());
+        let patches = work.iter().map(|object| object.plan.patches.len() as u64).sum();
+        let stage = Stage::begin(self.progress, "seal", Some(patches), "patches");
+        let snapshot = self.snapshot.key();
+        let data = self.snapshot.encode();
+        let recorded = whole && data.len() <= MAX_RECORD_DATA;
+        if recorded && self.store.lookup(&snapshot)?.is_none() {
+            writer.record(snapshot, Record { chunks: Vec::new(), data });
+        }
+        for object in work {
+            check(self.progress)?;
+            let plan = &object.plan;
+            let source = &self.scene.objects[plan.object as usize];
+            let surfaces = point_surfaces(self.scene, plan);
+            let asked = self.options.transfer_of(plan.object);
+            let indirect = match self.transfer.zip(asked) {
+                Some((baker, own)) => {
+                    // Mostly found: only averages over footprints that a last split has changed are new.
+                    let (chunks, took) = baker.run(plan, &surfaces, own)?;
+                    stats.bytes_stored += took.bytes_stored;
+                    stats.transfer.add(&took);
+                    chunks.into_iter().map(|patch| Some(patch.descriptor)).collect()
+                }
+                None => vec![None; plan.patches.len()],
+            };
+            let mut patches = Vec::with_capacity(plan.patches.len());
+            for ((patch, (visibility, _)), transfer) in plan.patches.iter().zip(&object.visibility).zip(indirect) {
+                let n = u64::from(patch.n_points);
+                let points = writer.put(ChunkKind::Points, Dtype::U8, vec![n], &plan.points(patch).to_chunk())?;
+                let surface = writer.put(ChunkKind::Surface, Dtype::U8, vec![n], &surfaces.patch(patch).to_chunk())?;
+                patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility: visibility.clone(), transfer });
+                stage.advance(1);
+                waiting += n as usize;
+                if waiting >= POINTS_PER_SHARD {
+                    check(self.progress)?;
+                    stats.bytes_stored += commit(std::mem::replace(&mut writer, self.store.writer()))?;
+                    waiting = 0;
+                }
+            }
+            let mesh = plan.mesh();
+            let shape = vec![mesh.position.len() as u64, mesh.triangles.len() as u64];
+            let mesh = writer.put(ChunkKind::Mesh, Dtype::U8, shape, &mesh.view().to_chunk())?;
+            let shape = vec![source.mesh.primitives.len() as u64];
+            let base = writer.put(ChunkKind::Base, Dtype::U8, shape, &base_chunk(&source.mesh))?;
+            let made = AssetObject {
+                name: source.name.clone(),
+                technique: if asked.is_some() { Technique::VmfTransfer } else { Technique::BlockProduct }.name().to_string(),
+                n_points: plan.n_points() as u32,
+                n_triangles: plan.n_triangles() as u32,
+                base,
+                world_from_local: source.world_from_local,
+                edge_length: self.options.points[plan.object as usize].edge_length,
+                mesh,
+                patches,
+            };
+            let counts = ObjectCounts { triangles: made.n_triangles, buried: plan.n_buried() as u32, ..object.counts };
+            let record = ObjectRecord { object: &made, counts, reaches: &object.reaches };
+            if recorded
+                && asked.is_none()
+                && let Some(record) = record.encode(&snapshot)
+            {
+                writer.record(self.keys[plan.object as usize], record);
+            }
+            stats.count(&made, &counts);
+            sealed.push(made);
+        }
+        stats.bytes_stored += commit(writer)?;
+        Ok(sealed)
+    }
+}

@@ -1,0 +1,117 @@
+//! Counts and times of a bake.
+
+use crate::budget::ObjectError;
+use crate::engine::object::{KnownObject, ObjectCounts};
+use crate::engine::threads::PatchResult;
+use crate::engine::transfer::TransferStats;
+use crate::plan::changes::StalePatch;
+use prelight_manifests::asset::AssetObject;
+use std::time::Instant;
+
+/// Counts and times of a bake.
+#[derive(Clone, Debug, Default)]
+pub struct BakeStats {
+    /// Points of all objects.
+    pub points: u64,
+    /// Points inside other solids.
+    pub buried: u64,
+    /// Refined triangles.
+    pub triangles: u64,
+    /// Patches of all objects.
+    pub patches: u64,
+    /// Patches of which a tile was traced; the rest came from the store whole.
+    pub patches_traced: u64,
+    /// Tiles: what was taken, what was traced.
+    pub tiles: TileStats,
+    /// Patches of which a tile was traced, and where they lie: what reasons are found from.
+    pub stale: Vec<StalePatch>,
+    /// Points added because neighbours saw different things.
+    pub points_split: u64,
+    /// What indirect light took.
+    pub transfer: TransferStats,
+    /// Points of objects that were worked on, not taken over whole from an earlier bake.
+    pub points_made: u64,
+    /// Plain bytes of all chunks that the asset names, each once.
+    pub bytes_resident: u64,
+    /// Bytes that this bake added to the store.
+    pub bytes_stored: u64,
+    /// Errors between points, per object, where they were measured.
+    pub errors: Vec<ObjectError>,
+    /// Seconds per stage, in order.
+    pub seconds: Vec<(&'static str, f64)>,
+}
+
+impl BakeStats {
+    pub(super) fn count(&mut self, object: &AssetObject, counts: &ObjectCounts) {
+        self.points += u64::from(object.n_points);
+        self.buried += u64::from(counts.buried);
+        self.triangles += u64::from(counts.triangles);
+        self.patches += object.patches.len() as u64;
+        self.points_split += u64::from(counts.split);
+    }
+
+    /// Counts an object that needs no work.
+    pub(super) fn take(&mut self, known: KnownObject) -> AssetObject {
+        self.count(&known.object, &known.counts);
+        self.tiles.live += u64::from(known.counts.live);
+        self.tiles.known += u64::from(known.counts.live);
+        known.object
+    }
+}
+
+/// What became of tiles. A tile is a 96th of the directions of one patch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TileStats {
+    /// Above the horizon of some point.
+    pub live: u64,
+    /// Of patches that no record knew: all their live tiles.
+    pub new: u64,
+    /// Of patches that a record knew: traced, because something that reaches them is not as it was.
+    pub redone: u64,
+    /// Of those, the ones whose bits really changed.
+    pub changed: u64,
+    /// Live tiles of patches that a record knew.
+    pub known: u64,
+    /// Made by this bake: all 96 of a new patch, the redone ones of others.
+    pub traced: u64,
+}
+
+impl TileStats {
+    pub(super) fn add(&mut self, result: &PatchResult) {
+        let live = u64::from(result.live.count_ones());
+        self.live += live;
+        if result.is_new {
+            self.new += live;
+            self.traced += crate::plan::tile::N_TILES as u64;
+        } else {
+            self.known += live;
+            self.redone += u64::from(result.redone.count_ones());
+            self.traced += u64::from(result.redone.count_ones());
+            self.changed += u64::from(result.changed.count_ones());
+        }
+    }
+}
+
+/// Seconds per stage; a stage that comes again adds up.
+pub(super) struct Clock {
+    last: Instant,
+    pub laps: Vec<(&'static str, f64)>,
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Clock { last: Instant::now(), laps: Vec::new() }
+    }
+}
+
+impl Clock {
+    pub fn lap(&mut self, stage: &'static str) {
+        let now = Instant::now();
+        let seconds = (now - self.last).as_secs_f64();
+        self.last = now;
+        match self.laps.iter_mut().find(|(name, _)| *name == stage) {
+            Some((_, sum)) => *sum += seconds,
+            None => self.laps.push((stage, seconds)),
+        }
+    }
+}
