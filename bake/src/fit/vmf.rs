@@ -6,9 +6,10 @@
 //! κ   = A⁻¹(R) · (M_eff − 2) / M_eff                       M_eff = (Σ w)² / Σ w²
 //! ```
 //!
-//! 1 − R is computed as V / (1 + R) with V = Σ w |s|² / Σ w − |n|² in f64, good to 10⁻¹⁵, so that narrow lobes keep their width. The closed form of print is 5 %
-//! too wide or narrow at worst; Newton steps and the factor for finite samples leave no bias that can be measured from M_eff = 10 on.
-//! κ ends at [`KAPPA_MAX`]: one sample, or equal ones, say nothing about width. Source: \[LD09\] Eq. 13 to 15, errata 5 and 6.
+//! 1 − R is computed as V / (1 + R) with V = Σ w |s|² / Σ w − |n|² in f64, good to 10⁻¹⁵, so that narrow lobes keep their width. The
+//! closed form of print is 5 % too wide or narrow at worst; Newton steps and the factor for finite samples leave no bias that can be
+//! measured from M_eff = 10 on. κ ends at [`KAPPA_MAX`]: one sample, or equal ones, say nothing about width.
+//! Source: \[LD09\] Eq. 13 to 15, errata 5 and 6.
 
 use prelight_runtime::sphere::vmf::{KAPPA_MAX, kappa_from_spread};
 use prelight_runtime::vmf_transfer::Lobe;

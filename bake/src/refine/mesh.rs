@@ -115,18 +115,18 @@ mod tests {
     #[test]
     fn turning_the_normal_moves_the_lobe_by_twice_the_angle() {
         let solid = Icosahedron::new(5);
-        let kappa = 100.0f32;
+        let kappa = 10.0f32;
         let flat = mirror(&solid, turned(0.0), kappa, 0.5);
         let same = difference(&solid, &end(&flat, turned(0.0)), &end(&flat, turned(0.0)), 0.0);
         assert!(same < 1e-3, "{same}");
         let mut last = 0.0;
-        for angle in [0.01f32, 0.03, 0.06] {
+        for angle in [0.03f32, 0.1, 0.2] {
             let other = mirror(&solid, turned(angle), kappa, 0.5);
             let got = difference(&solid, &end(&flat, turned(0.0)), &end(&other, turned(angle)), 0.0);
-            // √(2(1 − exp(−κβ²/4))) at β = 2 × the angle; interpolation between directions adds to it, most at grazing.
+            // √(2(1 − exp(−κβ²/4))) at β = 2 × the angle, of large κ; interpolation between directions adds to it, most at grazing.
             let beta = 2.0 * f64::from(angle);
             let law = (2.0 * (1.0 - (-f64::from(kappa) * beta * beta / 4.0).exp())).sqrt();
-            assert!(got > 0.95 * law && got < 2.0 * law + 0.1 && got > last, "{angle}: {got}, law {law}");
+            assert!(got > 0.85 * law && got < 2.0 * law + 0.1 && got > last, "{angle}: {got}, law {law}");
             last = got;
         }
     }
@@ -139,7 +139,7 @@ mod tests {
         let dark = end(&nothing, turned(0.0));
         let got = difference(&solid, &end(&lit, turned(0.0)), &dark, 0.0);
         assert!((got - 1.0).abs() < 1e-3, "{got}");
-        let faint = mirror(&solid, turned(0.0), 30.0, 5e-4);
+        let faint = mirror(&solid, turned(0.0), 30.0, 2e-4);
         assert!(difference(&solid, &end(&faint, turned(0.0)), &dark, 0.02) < 0.05);
         assert_eq!(difference(&solid, &dark, &dark, 0.02), 0.0);
         let options = MeshOptions { budget: 0.5, floor: 0.02 };
