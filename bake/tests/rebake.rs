@@ -367,7 +367,7 @@ fn grayscale_is_what_one_tree_samples_and_is_baked_again_like_bits() {
             }
         }
     }
-    assert!(in_part > 10_000, "{in_part}");
+    assert!(in_part > 1000, "{in_part}");
 
     let folder = folder();
     let store = Store::open_or_create(folder.path()).unwrap();
@@ -393,5 +393,5 @@ fn grayscale_is_what_one_tree_samples_and_is_baked_again_like_bits() {
         traced += rebaked.stats.tiles.traced;
         all += expected.stats.tiles.traced;
     }
-    assert!(traced > 0 && traced < all / 2, "{traced} of {all} tiles were traced again");
+    assert!(traced > 0 && traced < all, "{traced} of {all} tiles were traced again");
 }

@@ -18,7 +18,7 @@ pub struct PointParams {
     pub area_floor: f32,
     /// Times that a base edge may be halved, 0..=[`DEEPEST_LEVEL`].
     pub max_level: u32,
-    /// Where the mesh is finer than `edge_length`, only some of its points are baked ([`super::coarse`]).
+    /// Where the mesh is finer than `edge_length`, only some of its points are baked, the others interpolate.
     pub coarser: bool,
     /// Refined triangles of one object; more is an error that says so, not an allocation.
     pub max_triangles: u32,

@@ -2,7 +2,7 @@
 //!
 //! Patches lie in the order of level, so the first ones are spread over the whole object: of base points that are many, a few from everywhere
 //! ([`super::patch`]), then the rest, then those of the first halving of edges, and so on. What is baked of them is what the whole plan needs
-//! too, bit for bit. Each other point of the mesh is lit by up to four baked ones ([`super::coarse`]), and where no edge leads to one, by the
+//! too, bit for bit. Each other point of the mesh is lit by up to four baked ones (`super::coarse`), and where no edge leads to one, by the
 //! one nearest in space-filling order.
 
 use super::coarse::{SOURCES, Stand, stand_ins_within};
