@@ -6,7 +6,7 @@
 //! | `normal_angle_deg` | 40 | 25 | 15 | edges whose end normals differ by more are split |
 //! | `area_floor` | 1/4 | 1/4 | 1/8 | shadow edges are split down to this share of the edge length |
 //! | `max_error` | 0.05 | 0.02 | 0.01 | relative L2 of radiance aimed at, per object |
-//! | `coarser` | true | false | false | where the mesh is finer than the edge length, only some of its vertices are baked |
+//! | `coarser` | false | false | false | where the mesh is finer than the edge length, only some of its vertices are baked |
 //! | `face_resolution` | 64 | 64 | 64 | texels along a cubemap face's side |
 //! | `visibility` | binary | binary | binary | shades of a texel at a shadow's edge |
 //! | `bvh` | fast | medium | medium | how long the BVH build may take; changes no bit of the result |
@@ -121,8 +121,8 @@ impl Quality {
             Quality::Medium => (200_000, 25.0, 1.0 / 4.0, 0.02, BvhBuild::Medium),
             Quality::High => (1_000_000, 15.0, 1.0 / 8.0, 0.01, BvhBuild::Medium),
         };
-        let coarser = self == Quality::Draft;
-        Knobs { points, normal_angle_deg, area_floor, max_error, coarser, face_resolution: 64, visibility: Shades::Binary, bvh }
+        let (coarser, face_resolution, visibility) = (false, 64, Shades::Binary);
+        Knobs { points, normal_angle_deg, area_floor, max_error, coarser, face_resolution, visibility, bvh }
     }
 }
 
