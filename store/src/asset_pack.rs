@@ -87,7 +87,7 @@ impl MemorySource {
         let mut source = MemorySource::new();
         let pack_error = |what: &str| StoreError::Pack { name: name.clone(), what: what.to_string() };
         let Some((file, bytes)) = os::open_sized(path)? else {
-            return Err(os::fail("open", path)(std::io::ErrorKind::NotFound.into()));
+            return Err(StoreError::NoPack { path: path.to_path_buf() });
         };
         if bytes == 0 {
             return Err(pack_error("it is empty"));

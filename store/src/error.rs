@@ -124,6 +124,12 @@ pub enum StoreError {
     /// An earlier call of this writer failed, so what it holds is unknown.
     #[error("an earlier write of this shard failed\n  help: start a new writer")]
     WriterFailed,
+    /// There is no pack at a path.
+    #[error("{}: there is no such file", .path.display())]
+    NoPack {
+        /// As it was given.
+        path: PathBuf,
+    },
     /// A pack given as bytes is not one.
     #[error("pack {name}: {what}\n  help: was it cut short, or embedded without 64-byte alignment?")]
     Pack {

@@ -105,12 +105,13 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 
 /// The file that is not there, of an error that says so.
 fn missing_file<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a Path> {
-    let (path, source) = match (cause.downcast_ref(), cause.downcast_ref()) {
-        (Some(BakeError::Input { path, source } | BakeError::Output { path, source }), _) => (Path::new(path), source),
-        (_, Some(StoreError::Io { path, source, .. })) => (path.as_path(), source),
-        _ => return None,
-    };
-    (source.kind() == std::io::ErrorKind::NotFound).then_some(path)
+    match (cause.downcast_ref(), cause.downcast_ref()) {
+        (Some(BakeError::Input { path, source } | BakeError::Output { path, source }), _) => {
+            (source.kind() == std::io::ErrorKind::NotFound).then_some(Path::new(path))
+        }
+        (_, Some(StoreError::NoPack { path })) => Some(path),
+        _ => None,
+    }
 }
 
 /// The first typed error of the chain decides.
@@ -167,11 +168,10 @@ fn of_runtime(error: &RuntimeError) -> ExitCode {
 fn of_store(error: &StoreError) -> ExitCode {
     match error {
         StoreError::NotFound { .. } => ExitCode::NoStore,
-        StoreError::Format { .. } | StoreError::Pack { .. } => ExitCode::Input,
+        StoreError::Format { .. } | StoreError::Pack { .. } | StoreError::NoPack { .. } => ExitCode::Input,
         StoreError::Locked { .. } => ExitCode::Locked,
         error if error.is_corrupt() => ExitCode::Corrupt,
         error if error.is_full() => ExitCode::Limit,
-        StoreError::Io { source, .. } => of_io(source),
         _ => ExitCode::Failed,
     }
 }
@@ -193,8 +193,10 @@ mod tests {
     #[test]
     fn codes_follow_the_table() {
         let io = |kind: std::io::ErrorKind| std::io::Error::from(kind);
-        let no_pack = StoreError::Io { action: "open", path: "a.prelight".into(), source: io(std::io::ErrorKind::NotFound) };
-        let cases: [(Failure, ExitCode); 12] = [
+        let no_pack = StoreError::NoPack { path: "a.prelight".into() };
+        let vanished = StoreError::Io { action: "open", path: "ledger/0".into(), source: io(std::io::ErrorKind::NotFound) };
+        let cases: [(Failure, ExitCode); 13] = [
+            (vanished.into(), ExitCode::Failed),
             (no_pack.into(), ExitCode::Input),
             (StoreError::Pack { name: "a".into(), what: "b".into() }.into(), ExitCode::Input),
             (BakeError::Cancelled.into(), ExitCode::Interrupted),
@@ -222,8 +224,7 @@ mod tests {
         let words = Failure::from(error).words();
         assert_eq!(words.message, "checking: cannot read room.glb: permission denied");
         assert!(words.help.is_empty() && words.places.is_empty());
-        let source = std::io::ErrorKind::NotFound.into();
-        let words = Failure::from(StoreError::Io { action: "open", path: "room.prelight".into(), source }).words();
+        let words = Failure::from(StoreError::NoPack { path: "room.prelight".into() }).words();
         assert!(words.help.len() == 1 && words.help[0].starts_with("is the path right?"), "{words:?}");
         let words = Failure::from(BakeError::Cancelled).words();
         assert_eq!(words.message, "interrupted");

@@ -7,6 +7,7 @@
 
 use crate::error::RuntimeError;
 use bytemuck::{Pod, cast_slice, try_cast_slice};
+use std::ops::RangeInclusive;
 
 /// Alignment of every array.
 pub const ALIGNMENT: usize = 64;
@@ -45,6 +46,8 @@ pub struct Reader<'a> {
     kind: &'static str,
     bytes: &'a [u8],
     at: usize,
+    /// Which of the layouts it is.
+    pub version: u32,
     /// The header's counts.
     pub counts: [u32; 6],
 }
@@ -52,15 +55,20 @@ pub struct Reader<'a> {
 impl<'a> Reader<'a> {
     /// Checks magic and version.
     pub fn new(kind: &'static str, magic: &[u8; 4], version: u32, bytes: &'a [u8]) -> Result<Self, RuntimeError> {
+        Self::of_versions(kind, magic, version..=version, bytes)
+    }
+
+    /// The same where several versions can be read.
+    pub fn of_versions(kind: &'static str, magic: &[u8; 4], versions: RangeInclusive<u32>, bytes: &'a [u8]) -> Result<Self, RuntimeError> {
         let error = |what: String| RuntimeError::Chunk { kind, digest: String::new(), what };
         if bytes.len() < ALIGNMENT || &bytes[..4] != magic {
             return Err(error(format!("not a {kind} chunk")));
         }
         let word = |i: usize| u32::from_le_bytes([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]]);
-        if word(1) != version {
-            return Err(error(format!("version {}, this build reads {version}", word(1))));
+        if !versions.contains(&word(1)) {
+            return Err(error(format!("version {}, this build reads versions up to {}", word(1), versions.end())));
         }
-        Ok(Reader { kind, bytes, at: ALIGNMENT, counts: std::array::from_fn(|i| word(2 + i)) })
+        Ok(Reader { kind, bytes, at: ALIGNMENT, version: word(1), counts: std::array::from_fn(|i| word(2 + i)) })
     }
 
     /// The next array, `count` elements.

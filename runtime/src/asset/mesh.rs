@@ -174,8 +174,8 @@ impl<'a> Mesh<'a> {
     }
 
     fn reader(bytes: &'a [u8]) -> Result<Reader<'a>, RuntimeError> {
-        let blended = bytes.get(4..8) == Some(&BLENDED_VERSION.to_le_bytes());
-        let mut reader = Reader::new("mesh", MAGIC, if blended { BLENDED_VERSION } else { VERSION }, bytes)?;
+        let mut reader = Reader::of_versions("mesh", MAGIC, VERSION..=BLENDED_VERSION, bytes)?;
+        let blended = reader.version == BLENDED_VERSION;
         if !blended {
             reader.counts[3] = 0;
         }

@@ -110,13 +110,11 @@ impl<'a> Visibility<'a> {
     }
 
     fn reader(bytes: &'a [u8]) -> Result<Reader<'a>, RuntimeError> {
-        match Reader::new("visibility", MAGIC, GRAYSCALE, bytes) {
-            Ok(reader) if reader.counts[3] != 0 => Ok(reader),
-            Ok(reader) => Err(reader.error("grayscale without steps")),
-            Err(_) => match Reader::new("visibility", MAGIC, BINARY, bytes)? {
-                reader if reader.counts[3] == 0 => Ok(reader),
-                reader => Err(reader.error("steps of grayscale in a binary chunk")),
-            },
+        let reader = Reader::of_versions("visibility", MAGIC, BINARY..=GRAYSCALE, bytes)?;
+        match (reader.version, reader.counts[3]) {
+            (GRAYSCALE, 0) => Err(reader.error("grayscale without steps")),
+            (BINARY, 1..) => Err(reader.error("steps of grayscale in a binary chunk")),
+            _ => Ok(reader),
         }
     }
 
