@@ -172,6 +172,7 @@ unsafe fn shade_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [
     let mut lines = Lines([0; PIECE_CAPACITY]);
     let mut weights = Weights([0.0; PIECE_CAPACITY]);
     for (point, out) in out.iter_mut().enumerate() {
+        let point = visibility.point(point);
         let mut sums = [_mm512_setzero_ps(); 4];
         let widen = |from: *const u8, base: u32, to: *mut u32| {
             // SAFETY: `append` vouches for 32 bytes to read and 32 lines to write; unaligned accesses.
@@ -193,9 +194,9 @@ unsafe fn shade_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [
             }
         };
         // SAFETY: the point is a parsed one of this cubemap (checked by the caller); the features are on.
-        unsafe { for_each_piece(visibility.point(point), end, &mut lines, widen, sum) };
+        unsafe { for_each_piece(point, end, &mut lines, widen, sum) };
         let mut total = _mm512_add_ps(_mm512_add_ps(sums[0], sums[1]), _mm512_add_ps(sums[2], sums[3]));
-        if let Some(fractions) = visibility.point(point).fractions {
+        if let Some(fractions) = point.fractions {
             let mut sums = [_mm512_setzero_ps(); 4];
             let convert = |from: *const i8, to: *mut f32| {
                 for part in 0..2 {
@@ -234,6 +235,7 @@ unsafe fn shade_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[
     let mut lines = Lines([0; PIECE_CAPACITY]);
     let mut weights = Weights([0.0; PIECE_CAPACITY]);
     for (point, out) in out.iter_mut().enumerate() {
+        let point = visibility.point(point);
         // The first eight lanes, and the ninth.
         let mut sums = [_mm256_setzero_ps(); 4];
         let mut ninths = [_mm_setzero_ps(); 4];
@@ -265,10 +267,10 @@ unsafe fn shade_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[
             }
         };
         // SAFETY: the point is a parsed one of this cubemap (checked by the caller); the features are on.
-        unsafe { for_each_piece(visibility.point(point), end, &mut lines, widen, sum) };
+        unsafe { for_each_piece(point, end, &mut lines, widen, sum) };
         let mut total = _mm256_add_ps(_mm256_add_ps(sums[0], sums[1]), _mm256_add_ps(sums[2], sums[3]));
         let mut ninth = _mm_add_ss(_mm_add_ss(ninths[0], ninths[1]), _mm_add_ss(ninths[2], ninths[3]));
-        if let Some(fractions) = visibility.point(point).fractions {
+        if let Some(fractions) = point.fractions {
             let mut sums = [_mm256_setzero_ps(); 4];
             let mut ninths = [_mm_setzero_ps(); 4];
             let convert = |from: *const i8, to: *mut f32| {
