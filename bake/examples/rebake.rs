@@ -135,14 +135,16 @@ impl Experiment<'_> {
             clean = seconds;
         }
         let row = Row { what, tiles: rebaked.stats.tiles, seconds, clean };
+        let stages: Vec<String> = rebaked.stats.seconds.iter().map(|(stage, seconds)| format!("{stage} {seconds:.2}")).collect();
         let checked = if check { "digest equal" } else { "" };
         println!(
-            "{:>7.2} % redone {:>7.2} % changed {:>6.1} % new {:>6.1} % of clean time ({:.2} s)  {}  {checked}",
+            "{:>7.2} % redone {:>7.2} % changed {:>6.1} % new {:>6.1} % of clean time ({:.2} s: {})  {}  {checked}",
             row.redone(),
             row.changed(),
             100.0 * row.tiles.new as f64 / row.tiles.live as f64,
             row.time(),
             row.seconds,
+            stages.join(", "),
             row.what
         );
         row
