@@ -107,7 +107,7 @@ impl Lists {
 struct BlockOrder {
     face_resolution: usize,
     /// Row-major texel of a face per Hilbert position.
-    texels: Vec<u32>,
+    texels: &'static [u32],
 }
 
 impl BlockOrder {

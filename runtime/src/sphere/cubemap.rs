@@ -17,6 +17,8 @@
 //!
 //! An aligned 2ᵏ×2ᵏ square of texels is a run of 4ᵏ positions, which is why blocks and cells are runs.
 
+use std::sync::OnceLock;
+
 /// Texels along a block's side.
 pub const BLOCK_SIDE: usize = 16;
 /// Texels of a block.
@@ -114,13 +116,15 @@ fn rotate_quadrant(side: usize, x: usize, y: usize, right: usize, upper: usize) 
     }
 }
 
-/// For every Hilbert position of one face, its row-major texel index `y·n + x`. Shape `[n²]`.
-pub fn row_major_from_hilbert(face_resolution: usize) -> Vec<u32> {
+/// For every Hilbert position of one face, its row-major texel index `y·n + x`. Shape `[n²]`; n a power of two up to 128. Made once.
+pub fn row_major_from_hilbert(face_resolution: usize) -> &'static [u32] {
+    static TABLES: [OnceLock<Vec<u32>>; 8] = [const { OnceLock::new() }; 8];
+    assert!(face_resolution.is_power_of_two(), "faces of {face_resolution} texels");
     let texel = |position| {
         let (x, y) = xy_from_hilbert(face_resolution, position);
         (y * face_resolution + x) as u32
     };
-    (0..face_resolution * face_resolution).map(texel).collect()
+    TABLES[face_resolution.ilog2() as usize].get_or_init(|| (0..face_resolution * face_resolution).map(texel).collect())
 }
 
 #[cfg(test)]
