@@ -29,7 +29,7 @@ pub struct BakeKnobs {
     #[arg(long, value_name = "M", value_parser = positive)]
     pub edge_length: Option<f32>,
     /// Texels along the side of a cubemap face: 64 or 128
-    #[arg(long, value_name = "N", value_parser = PossibleValuesParser::new(["64", "128"]).map(|n| if n == "128" { 128 } else { 64 }))]
+    #[arg(long, value_name = "N", value_parser = PossibleValuesParser::new(["64", "128"]).map(|n| if n == "128" { 128u32 } else { 64 }))]
     pub face_resolution: Option<u32>,
     /// Visibility of a texel that an edge crosses: binary, or gray in 2, 4, 6, 8 bits or not quantised
     #[arg(long, value_name = "V", value_parser = PossibleValuesParser::new(Shades::NAMES).map(|name| Shades::named(&name).unwrap_or_default()))]
@@ -152,6 +152,30 @@ mod tests {
         let many = BakeKnobs { quality: Some(Quality::High), points: Some(5000), ..BakeKnobs::default() };
         for knobs in [BakeKnobs::default(), many, BakeKnobs { edge_length: Some(0.1), ..BakeKnobs::default() }, fine] {
             assert_eq!(BakeKnobs::from_json(&knobs.to_json()), knobs);
+        }
+    }
+
+    #[test]
+    fn knobs_are_read_from_the_command_line() {
+        use clap::Parser;
+        #[derive(Parser)]
+        struct Line {
+            #[command(flatten)]
+            knobs: BakeKnobs,
+        }
+        let read = |line: &str| Line::try_parse_from(format!("prelight {line}").split_whitespace()).map(|line| line.knobs);
+        let line = "--quality high --points 5000 --face-resolution 128 --visibility gray6";
+        let knobs = BakeKnobs {
+            quality: Some(Quality::High),
+            points: Some(5000),
+            edge_length: None,
+            face_resolution: Some(128),
+            visibility: Some(Shades::Gray6),
+        };
+        assert_eq!(read(line).expect("a good line"), knobs);
+        assert_eq!(read("--edge-length 0.5 --face-resolution 64").expect("a good line").face_resolution, Some(64));
+        for bad in ["--face-resolution 32", "--visibility gray5", "--quality best", "--points 3", "--edge-length 0"] {
+            assert!(read(bad).is_err(), "{bad}");
         }
     }
 
