@@ -108,8 +108,12 @@ pub fn edge_length_for_points(objects: &[BaseMesh], params: &PointParams, target
     if !(longest > 0.0 && longest.is_finite()) {
         return Ok(params.edge_length);
     }
-    // A refined triangle carries at least a quarter of a point but for tiny meshes, so counting may stop at 4 × target triangles.
-    let enough = target_points.saturating_mul(4).saturating_add(1000);
+    // A refined triangle carries at least a quarter of a point but for tiny meshes, so counting may stop at 4 × target triangles; beyond those
+    // that the mesh has by itself, where it has points at only some of its vertices.
+    let longest_params = params.with_edge_length(longest);
+    let own: u64 =
+        if params.coarser { objects.par_iter().map(|base| count_object(base, &longest_params, u64::MAX).triangles).sum() } else { 0 };
+    let enough = target_points.saturating_mul(4).saturating_add(1000).saturating_add(own);
     let fits = |length: f32| {
         let params = params.with_edge_length(length);
         let counts = objects.par_iter().map(|base| count_object(base, &params, enough));
@@ -227,6 +231,19 @@ mod tests {
         let length = edge_length_for_points(&objects, &params(1.0), 1).unwrap();
         let longest = objects.iter().map(longest_edge).fold(0.0, f64::max);
         assert!(f64::from(length) >= longest && f64::from(length) < 1.01 * longest, "{length} {longest}");
+    }
+
+    #[test]
+    fn a_coarser_bake_meets_a_budget_far_below_the_mesh() {
+        let mut scene = scene();
+        add(&mut scene, "scan", vec![sphere([1.0; 3], 0.8, 90, 60, false)], IDENTITY);
+        let objects = BaseMesh::build_all(&scene, &World::build(&scene));
+        // More than ten times as many triangles as points asked for.
+        let (target, params) = (300, PointParams { coarser: true, ..params(1.0) });
+        assert!(objects[0].triangles.len() > 10 * target as usize);
+        let length = edge_length_for_points(&objects, &params, target).unwrap();
+        let points = count_object(&objects[0], &params.with_edge_length(length), u64::MAX).points;
+        assert!((target / 2..=target).contains(&points), "{points} points at {length} m");
     }
 
     #[test]
