@@ -3,7 +3,7 @@
 use super::args::ViewArgs;
 use super::bake::round;
 use super::opened::{camera, open_asset, open_environment};
-use super::render::{Picture, relight, set_metrics, write_image};
+use super::render::{Picture, image_format, relight, set_metrics, write_image};
 use super::truth::Truth;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
@@ -47,7 +47,7 @@ pub struct InspectArgs {
     /// Draw a map instead
     #[arg(long, value_name = "WHAT", requires = "output")]
     pub map: Option<Map>,
-    /// Image of the map, .png
+    /// Image of the map, .png or .exr
     #[arg(short, long, value_name = "IMAGE", requires = "map")]
     pub output: Option<PathBuf>,
     /// Environment of the error map: a file, or a name from the scene.toml
@@ -65,6 +65,10 @@ const LISTED: usize = 30;
 
 /// Runs the verb.
 pub fn run(args: InspectArgs, context: &Context) -> Result<Summary, Failure> {
+    if let Some(output) = args.output.as_ref().filter(|output| image_format(output).is_none()) {
+        let text = format!("{} is neither .png nor .exr\n  help: -o map.png", output.display());
+        return Err(Failure::text(ExitCode::Usage, text));
+    }
     let asset = open_asset(&args.asset, context)?;
     match (args.map, &args.output) {
         (Some(Map::Points), Some(output)) => map_points(&asset, &args, output),

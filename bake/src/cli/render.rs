@@ -176,7 +176,7 @@ fn reference_path(image: &Path) -> PathBuf {
     image.with_extension(format!("reference.{extension}"))
 }
 
-fn image_format(path: &Path) -> Option<&'static str> {
+pub fn image_format(path: &Path) -> Option<&'static str> {
     match path.extension()?.to_str()?.to_lowercase().as_str() {
         "png" => Some("png"),
         "exr" => Some("exr"),
