@@ -282,7 +282,8 @@ impl Running {
     fn line(&self, done: u64) -> String {
         let seconds = self.start.elapsed().as_secs_f64();
         let rate = if seconds > 0.0 { done as f64 / seconds } else { 0.0 };
-        let of_total = match self.total {
+        // Totals that are estimates can be passed; then they say nothing any more.
+        let of_total = match self.total.filter(|total| done <= *total) {
             Some(total) => format!("{} of {} {} ({:.0} %)", group(done), group(total), self.unit, percent(done, total)),
             None => format!("{} {}", group(done), self.unit),
         };
@@ -305,10 +306,10 @@ impl Running {
     }
 }
 
-/// Seconds left if the rest goes as fast as what is done; `None` without a total or before the first step.
+/// Seconds left if the rest goes as fast as what is done; `None` without a total, past it or before the first step.
 fn remaining(done: u64, total: Option<u64>, seconds: f64) -> Option<f64> {
-    let total = total?;
-    (done > 0).then(|| seconds / done as f64 * total.saturating_sub(done) as f64)
+    let left = total?.checked_sub(done)?;
+    (done > 0).then(|| seconds / done as f64 * left as f64)
 }
 
 fn percent(done: u64, total: u64) -> f64 {
@@ -446,6 +447,7 @@ mod tests {
         assert_eq!(remaining(25, Some(100), 5.0), Some(15.0));
         assert_eq!(remaining(0, Some(100), 5.0), None);
         assert_eq!(remaining(5, None, 5.0), None);
+        assert_eq!(remaining(101, Some(100), 5.0), None);
         assert_eq!(percent(0, 0), 100.0);
     }
 }
