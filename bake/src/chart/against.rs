@@ -1,15 +1,15 @@
 //! A chart against an older one: what got slower, larger or less accurate.
 //!
 //! Rows are the same where scene, environment, view, technique and budget are, and so is the size of the picture. Times are CPU time of one
-//! thread and vary by some percent between runs, so they count from [`SLOWER`] on; errors and bytes are the same bits in every run of the same
-//! code, so they count from [`WORSE`] on.
+//! thread and vary by ten percent and more between runs, so they count from [`SLOWER`] on; errors and bytes are the same bits in every run
+//! of the same code, so they count from [`WORSE`] on.
 
 use super::row::{CONTEXT, Row, fields};
 use serde::Serialize;
 use std::collections::HashMap;
 
 /// Share by which a time must grow to count.
-pub const SLOWER: f64 = 0.15;
+pub const SLOWER: f64 = 0.25;
 /// Share by which an error or a size must grow to count.
 pub const WORSE: f64 = 0.01;
 

@@ -9,7 +9,7 @@ use super::reporter::clock;
 use super::truth::Truth;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
-use prelight_bake::chart::against::against;
+use prelight_bake::chart::against::{Against, against};
 use prelight_bake::chart::glossy::{GlossyRow, glossy_text, lobe_sizes, mesh_svg};
 use prelight_bake::chart::page::{Heading, page, plots};
 use prelight_bake::chart::paper::{paper_rows, paper_text, partly_lit, terms_svg};
@@ -106,9 +106,13 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
         );
     }
     let start = Instant::now();
-    // Before any work: a wrong path is a slip.
+    // Before any work: a wrong path is a slip, and so is another kind of table.
     let older = match &args.against {
-        Some(path) => Some(String::from_utf8_lossy(&super::read::read(path, context.memory)?).into_owned()),
+        Some(path) => {
+            let older = String::from_utf8_lossy(&super::read::read(path, context.memory)?).into_owned();
+            compared(path, &older, &Default::default(), &[])?;
+            Some(older)
+        }
         None => None,
     };
     for folder in ["", "references", "cells"] {
@@ -161,13 +165,7 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
     let mut summary = Summary::new();
     let mut told = Vec::new();
     if let (Some(older), Some(path)) = (older, &args.against) {
-        let found = against(&older, &constants(&args, &asset), &cells.concat()).map_err(|what| {
-            let text = format!(
-                "{} is not the table of a chart: {what}\n  help: name the chart.csv that an older `prelight chart` wrote",
-                path.display()
-            );
-            Failure::text(ExitCode::Input, text)
-        })?;
+        let found = compared(path, &older, &constants(&args, &asset), &cells.concat())?;
         told.push(format!("against {}: {} rows compared, {} figures worse", path.display(), found.compared, found.worse()));
         told.extend(found.lines(LISTED));
         if found.worse() > 0 {
@@ -190,6 +188,14 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
     told.iter().for_each(|line| text += &format!("{line}\n"));
     summary.set_text(text);
     Ok(summary)
+}
+
+/// Rows against the text of an older chart's table.
+fn compared(path: &Path, older: &str, context: &[String; 6], rows: &[Row]) -> Result<Against, Failure> {
+    against(older, context, rows).map_err(|what| {
+        let help = "name the chart.csv that an older `prelight chart` wrote";
+        Failure::text(ExitCode::Input, format!("{} is not the table of a chart: {what}\n  help: {help}", path.display()))
+    })
 }
 
 /// Differences to an older chart that people are told; the page has as many.
