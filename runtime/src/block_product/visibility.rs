@@ -154,11 +154,23 @@ impl<'a> Visibility<'a> {
     /// One point. Panics if there is no such point.
     #[inline]
     pub fn point(&self, point: usize) -> PointVisibility<'a> {
-        let words = block_count(self.face_resolution) / 32;
-        let blocks = &self.blocks[point * words..(point + 1) * words];
+        let blocks = self.blocks_of(point);
         let with_transitions: u32 = blocks.iter().map(|word| word.count_ones()).sum();
-        let (counts, positions) = self.stream[self.start[point] as usize..].split_at(with_transitions as usize);
+        let (counts, positions) = self.stream_of(point).split_at(with_transitions as usize);
         PointVisibility { blocks, counts, positions, fractions: self.fractions.map(|fractions| fractions.point(point)) }
+    }
+
+    /// Mask of the blocks of a point that hold transitions.
+    #[inline(always)]
+    pub(super) fn blocks_of(&self, point: usize) -> &'a [u32] {
+        let words = block_count(self.face_resolution) / 32;
+        &self.blocks[point * words..(point + 1) * words]
+    }
+
+    /// A point's counts and positions. The next point's follow; after the last ones there are [`STREAM_PADDING`] bytes.
+    #[inline(always)]
+    pub(super) fn stream_of(&self, point: usize) -> &'a [u8] {
+        &self.stream[self.start[point] as usize..]
     }
 
     /// What does not hold, if anything.
@@ -279,7 +291,12 @@ impl PointVisibility<'_> {
 
     /// Calls `visit` with the Hilbert position of every transition of the base, increasing.
     pub fn for_each_base_transition(&self, visit: impl FnMut(usize)) {
-        Walk::new(self.blocks, self.counts, self.positions).for_each(visit);
+        self.base_transitions().for_each(visit);
+    }
+
+    /// Hilbert positions of the transitions of the base, increasing.
+    pub fn base_transitions(&self) -> impl Iterator<Item = usize> {
+        Walk::new(self.blocks, self.counts, self.positions)
     }
 
     /// Calls `visit` with every transition's Hilbert position, increasing. A texel that is open in part counts as open from a half on.
