@@ -3,11 +3,12 @@
 //! Per fragment (a triangle in some samples of a pixel), at the centroid of its samples:
 //!
 //! ```text
-//! radiance = emissive + (1 − c·E_c(n_c·v)) · (base(n_b·v) · max(0, E·n_b) + F0 · glossy[0] + F90 · glossy[1]) + c · coat
+//! radiance = emissive + (1 − c·E_c(n_c·v)) · (base(n_b·v) · Σ wᵢ max(0, Eᵢ·n_b) + F0 · glossy[0] + F90 · glossy[1]) + c · coat
 //! ```
 //!
-//! E is the vector irradiance, glossy the two Schlick terms, both interpolated from the corners' points; n_b the interpolated shading
-//! normal bent by the normal map; base, F0, F90 and the clear coat c are those of
+//! Eᵢ is the vector irradiance of a corner's point and wᵢ its weight: cut off corner by corner, since a sun that one of them sees below n_b
+//! would take the light of the others too. Glossy are the two Schlick terms, interpolated like it; n_b is the interpolated shading normal
+//! bent by the normal map; base, F0, F90 and the clear coat c are those of
 //! [`crate::brdf::Surface`] (base/π · (1 − metal)(1 − E_d) for glTF). Corners without a point, and buried ones, leave the
 //! interpolation: the weights of the others grow to sum 1; a triangle with none left gets no light.
 //!
@@ -15,7 +16,7 @@
 //! most one a sample), so that minified textures are box filtered like everything else. The pixel is the mean of its samples. The
 //! background is looked up once per quarter of a pixel.
 //!
-//! Clay: 0.5/π · max(0, E·n_s) for every surface, alpha kept.
+//! Clay: 0.5/π · Σ wᵢ max(0, Eᵢ·n_s) for every surface, alpha kept.
 
 use super::camera::Camera;
 use super::image::Image;
@@ -320,12 +321,11 @@ impl<'a> Shader<'a> {
         if surface.unlit && !self.scene.clay {
             return (surface.emissive, surface.alpha);
         }
-        let light = self.light(gathered, light_weights);
         let side = if gathered.edges.front { 1.0 } else { -1.0 };
         let front_normal = self.front_normal(gathered, weights);
-        let received = |normal: [f32; 3]| light.irradiance.map(|e| (e[0] * normal[0] + e[1] * normal[1] + e[2] * normal[2]).max(0.0));
         if self.scene.clay {
-            return (received(front_normal.map(|v| v * side)).map(|e| e * (CLAY_ALBEDO / PI)), surface.alpha);
+            let light = self.light(gathered, light_weights, front_normal.map(|v| v * side));
+            return (light.received.map(|e| e * (CLAY_ALBEDO / PI)), surface.alpha);
         }
         let tangent = match gathered.tangent_from_uv {
             None if mesh.tangent.is_empty() => [0.0; 4],
@@ -338,7 +338,8 @@ impl<'a> Shader<'a> {
         let bend = |bent: Option<[f32; 3]>| bent.map_or(front_normal, |bent| bend_normal(bent, front_normal, tangent));
         let place = surface.place(bend(surface.normal_tangent), bend(surface.coat_normal_tangent), tangent, side);
         let toward = view.map(|v| -v);
-        (radiance(&surface, &place, toward, self.scene.tables, received(place.normal), &light), surface.alpha)
+        let light = self.light(gathered, light_weights, place.normal);
+        (radiance(&surface, &place, toward, self.scene.tables, &light), surface.alpha)
     }
 
     /// Unit shading normal of the front.
@@ -355,8 +356,8 @@ impl<'a> Shader<'a> {
         })
     }
 
-    /// Light from the corners that have a usable point.
-    fn light(&self, gathered: &Gathered, weights: [f32; 3]) -> PointLight {
+    /// Light from the corners that have a usable point, on a surface with this unit normal.
+    fn light(&self, gathered: &Gathered, weights: [f32; 3], normal: [f32; 3]) -> PointLight {
         let mut light = PointLight::default();
         let usable = |k: &usize| gathered.points[*k].n > 0;
         let sum: f32 = (0..3).filter(usable).map(|k| weights[k]).sum();
@@ -366,8 +367,8 @@ impl<'a> Shader<'a> {
             let weight = if sum > 1e-6 { weights[k] / sum } else { 1.0 / count as f32 };
             for (point, share) in gathered.points[k].iter() {
                 let weight = weight * share;
-                let e = &gathered.object.irradiance[point];
-                (0..3).for_each(|c| add(&mut light.irradiance[c], e[c], weight));
+                let e = gathered.object.irradiance[point];
+                add(&mut light.received, e.map(|e| (e[0] * normal[0] + e[1] * normal[1] + e[2] * normal[2]).max(0.0)), weight);
                 if let Some(g) = gathered.object.glossy.get(point) {
                     (0..2).for_each(|term| add(&mut light.glossy[term], g[term], weight));
                 }
@@ -411,24 +412,17 @@ impl Shares {
 /// Light at a place of a surface, before its material.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PointLight {
-    /// `[channel][axis]` vector irradiance, W·m⁻².
-    pub irradiance: [[f32; 3]; 3],
+    /// Irradiance per channel, W·m⁻².
+    pub received: [f32; 3],
     /// `[term][channel]` glossy radiance.
     pub glossy: [[f32; 3]; 2],
     /// Radiance of a whole clear coat.
     pub coat: [f32; 3],
 }
 
-/// Radiance toward the unit `view` of a surface that receives irradiance `received` (per channel, already dotted with the normal).
-pub fn radiance(
-    surface: &SurfaceSample,
-    place: &Place,
-    view: [f32; 3],
-    tables: &[Measured],
-    received: [f32; 3],
-    light: &PointLight,
-) -> [f32; 3] {
-    let reflected = surface.surface(tables).relit(place, view, received, light.glossy, light.coat);
+/// Radiance toward the unit `view` of a surface in this light.
+pub fn radiance(surface: &SurfaceSample, place: &Place, view: [f32; 3], tables: &[Measured], light: &PointLight) -> [f32; 3] {
+    let reflected = surface.surface(tables).relit(place, view, light.received, light.glossy, light.coat);
     std::array::from_fn(|k| surface.emissive[k] + reflected[k])
 }
 

@@ -89,7 +89,7 @@ fn a_white_sky_gives_albedo_times_e_over_pi_everywhere_on_a_sphere() {
 fn attributes_are_those_of_the_world_triangle_not_of_the_screen() {
     // A floor that recedes: irradiance is a linear function of the world position.
     let soup = Soup::new(vec![[-9.0, -1.0, 4.5], [9.0, -1.0, 4.5], [0.0, -1.0, -40.0]], vec![[0, 1, 2]]);
-    let linear = |p: [f32; 3]| 1.0 + 0.2 * p[0] - 0.1 * p[2];
+    let linear = |p: [f32; 3]| 3.0 + 0.2 * p[0] - 0.1 * p[2];
     let irradiance: Vec<_> = soup.position.iter().map(|p| toward_z(linear(*p))).collect();
     let camera = front_camera();
     let materials = [material(true, AlphaMode::Opaque)];
@@ -107,7 +107,7 @@ fn attributes_are_those_of_the_world_triangle_not_of_the_screen() {
     for i in (0..64 * 64).filter(|i| frame.mask[*i]) {
         let d = rays.direction((i % 64) as f32 + 0.5, (i / 64) as f32 + 0.5);
         let t = -1.0 / d[1];
-        let expected = linear([d[0] * t, -1.0, 5.0 + d[2] * t]).max(0.0) * CLAY_ALBEDO / PI;
+        let expected = linear([d[0] * t, -1.0, 5.0 + d[2] * t]) * CLAY_ALBEDO / PI;
         assert!((frame.image.pixels[i][0] - expected).abs() < 1e-4 * (1.0 + expected), "{i}");
         checked += 1;
     }
@@ -189,6 +189,19 @@ fn the_back_of_a_double_sided_surface_takes_its_back_points_and_the_negated_norm
     assert!(frame.image.pixels.iter().all(|p| (p[0] - 2.0 * CLAY_ALBEDO / PI).abs() < 1e-6));
 }
 
+/// A smooth triangle's pixel can turn away from a sun that one corner's point sees: that corner gives nothing then, and takes nothing.
+#[test]
+fn a_sun_below_the_pixels_normal_takes_no_light_of_other_corners() {
+    let soup = square(4.0, 0.0);
+    let light = |below: f32| {
+        let irradiance = [toward_z(below), toward_z(2.0), toward_z(2.0), toward_z(2.0)];
+        picture(&[object(&soup, &irradiance)], &[material(false, AlphaMode::Opaque)], &[], true, &front_camera()).image.pixels
+    };
+    let (sunny, dark) = (light(-100.0), light(0.0));
+    assert_eq!(sunny, dark);
+    assert!(sunny.iter().filter(|p| p[0] > 0.0).count() * 10 > sunny.len() * 9);
+}
+
 #[test]
 fn normal_maps_bend_the_diffuse_part() {
     let soup = square(4.0, 0.0);
@@ -221,11 +234,11 @@ fn emission_and_glossy_terms_add_up_as_documented() {
         ..SurfaceSample::default()
     };
     let brdf = GltfSurface { base_color: surface.base_color, metallic: 0.25, roughness: 0.3, ..GltfSurface::default() };
-    let light = PointLight { glossy: [[1.0, 2.0, 3.0], [0.1, 0.2, 0.3]], coat: [5.0, 6.0, 7.0], ..PointLight::default() };
+    let light = PointLight { received: [2.0, 3.0, 4.0], glossy: [[1.0, 2.0, 3.0], [0.1, 0.2, 0.3]], coat: [5.0, 6.0, 7.0] };
     let (place, view) = (Place::about([0.0, 0.0, 1.0]), [0.51f32.sqrt(), 0.0, 0.7]);
-    let got = radiance(&surface, &place, view, &[], [2.0, 3.0, 4.0], &light);
+    let got = radiance(&surface, &place, view, &[], &light);
     let coat = Coat { strength: 0.5, roughness: 0.2 };
-    let coated = radiance(&SurfaceSample { coat, ..surface }, &place, view, &[], [2.0, 3.0, 4.0], &light);
+    let coated = radiance(&SurfaceSample { coat, ..surface }, &place, view, &[], &light);
     for k in 0..3 {
         let f0 = 0.04 + (surface.base_color[k] - 0.04) * 0.25;
         let expected = surface.emissive[k] + brdf.diffuse(0.7)[k] * [2.0, 3.0, 4.0][k] + f0 * (k + 1) as f32 + 0.1 * (k + 1) as f32;
