@@ -11,8 +11,10 @@ use occluders::{Patch, decibels, sky};
 use prelight_runtime::asset::surface::PointSurfaces;
 use prelight_runtime::baseline::dense::{self, PixelLight};
 use prelight_runtime::baseline::pixel_product;
+use prelight_runtime::block_product::change::{LightChange, update_diffuse};
 use prelight_runtime::block_product::visibility::{Visibility, block_count};
 use prelight_runtime::block_product::{GLOSSY_TOLERANCE, Light, SimdPath, shade_diffuse_with, shade_glossy_with};
+use prelight_runtime::environment::LightCubemap;
 use std::hint::black_box;
 
 const PATCHES: usize = 4;
@@ -62,6 +64,8 @@ fn main() {
     let flat = |out: &[[f32; 3]]| out.as_flattened().iter().map(|x| f64::from(*x)).collect::<Vec<_>>();
     let compare = |test: &[[f32; 3]], truth: &[f64]| decibels(flat(test).into_iter(), truth[..3 * test.len()].iter().copied());
 
+    let lit = with_lamp(&cubemap);
+    let change = LightChange::between(&cubemap, &lit);
     let mut methods: Vec<Method> = Vec::new();
     let mut add = |name: String, decibels: f64, points: usize, run: Box<dyn FnMut()>| {
         methods.push(Method { name, decibels, points, run, nanoseconds: Vec::new() });
@@ -105,6 +109,16 @@ fn main() {
             })
         });
     }
+    let lit_truth: Vec<f64> =
+        (0..POINTS).flat_map(|point| pixel_product::diffuse(&lit, patches[0].open_of(point)).into_iter().flatten()).collect();
+    let (mut vectors, mut rest) = (vec![[[0.0f32; 3]; 3]; POINTS], vec![[[0.0; 3]; 3]; POINTS]);
+    shade_diffuse_with(SimdPath::detect(), light, &visibilities[0], &mut vectors);
+    update_diffuse(&change, &visibilities[0], &mut vectors, &mut rest);
+    let db = compare(vectors.as_flattened(), &lit_truth);
+    add(format!("exact diffuse, light change in {:.1} % of blocks", 100.0 * change.share()), db, PATCHES * POINTS, {
+        let change = &change;
+        Box::new(move || visibilities.iter().for_each(|visibility| update_diffuse(change, visibility, black_box(&mut vectors), &mut rest)))
+    });
     for (roughness, path) in
         [0.0f32, 0.2, 0.4, 0.7, 1.0].into_iter().flat_map(|r| SimdPath::all_available().into_iter().map(move |p| (r, p)))
     {
@@ -159,6 +173,17 @@ fn main() {
         let mark = if method.name.starts_with("glossy") { 50.0 } else { 100.0 };
         assert!(method.decibels >= mark, "{}: {:.1} dB", method.name, method.decibels);
     }
+}
+
+/// The sky with four blocks overhead, side by side, thirty times as bright.
+fn with_lamp(base: &LightCubemap) -> LightCubemap {
+    let (n, mut texels) = (base.face_resolution, base.clone());
+    for (y, x) in (16..48).flat_map(|y| (16..48).map(move |x| (y, x))) {
+        let texel = 2 * n * n + y * n + x;
+        texels.flux[texel] = texels.flux[texel].map(|flux| 30.0 * flux);
+        texels.moment[texel] = texels.moment[texel].map(|moment| moment.map(|w| 30.0 * w));
+    }
+    texels
 }
 
 /// What a point sees, and its bytes: the figures that decide all times.
