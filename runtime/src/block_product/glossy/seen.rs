@@ -1,6 +1,6 @@
 //! Which blocks a point sees, and which texels of a block.
 
-use super::super::lanes::WIDTH;
+use super::super::lanes::{Cells, Lanes, WIDTH};
 use super::super::visibility::fractions::PointFractions;
 use super::super::visibility::{MAX_BLOCKS, PointVisibility};
 
@@ -136,25 +136,13 @@ impl Seen {
         weights
     }
 
-    /// Open texels of a block's cells: toggles at the transitions, then a prefix XOR.
+    /// Open texels of a block.
     #[inline(always)]
-    pub fn cells_of(&self, block: usize, point: Option<&PointVisibility>) -> [u16; WIDTH] {
+    pub fn cells_of<L: Lanes>(&self, lanes: L, block: usize, point: Option<&PointVisibility>) -> Cells {
         let Some(point) = point.filter(|_| self.mixed[block / WIDTH] >> (block % WIDTH) & 1 == 1) else {
-            return [u16::MAX; WIDTH];
+            return Cells::WHOLE;
         };
-        let mut words = [0u64; 4];
         let (first, count) = (self.first[block] as usize, usize::from(self.count[block]));
-        for position in &point.positions[first..first + count] {
-            words[usize::from(position / 64)] |= 1 << (position % 64);
-        }
-        let mut carry = if self.before[block] { u64::MAX } else { 0 };
-        for word in &mut words {
-            for shift in [1, 2, 4, 8, 16, 32] {
-                *word ^= *word << shift;
-            }
-            *word ^= carry;
-            carry = if *word >> 63 == 1 { u64::MAX } else { 0 };
-        }
-        std::array::from_fn(|cell| (words[cell / 4] >> (16 * (cell % 4))) as u16)
+        lanes.cells(&point.positions[first..first + count], self.before[block])
     }
 }

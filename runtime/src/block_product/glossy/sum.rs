@@ -1,7 +1,7 @@
 //! The three levels of one lobe over one light, as a kernel.
 
 use super::super::brdf::Shape;
-use super::super::lanes::{Kernel, Lanes, WIDTH};
+use super::super::lanes::{Cells, Kernel, Lanes, WIDTH};
 use super::super::light::{Level, Pyramid};
 use super::super::visibility::PointVisibility;
 use super::formula::{BlinnPhong, CookTorrance, Formula, Ggx, Lobe, Phong, Registers, Ward, measured_bounds, measured_values};
@@ -235,14 +235,9 @@ impl<const ENERGY: bool> Over<'_, ENERGY> {
                 }
                 let block = WIDTH * group + apart.trailing_zeros() as usize;
                 apart &= apart - 1;
-                let mut cells = self.seen.cells_of(block, self.point);
+                let Cells { texels: mut cells, whole, none } = self.seen.cells_of(lanes, block, self.point);
                 let in_part = self.seen.add_parts(block, self.point, &mut cells);
-                let (mut open, mut mixed) = (0u16, 0u16);
-                for (cell, bits) in cells.iter().enumerate() {
-                    open |= u16::from(*bits == u16::MAX) << cell;
-                    mixed |= u16::from(*bits != 0 && *bits != u16::MAX) << cell;
-                }
-                (open, mixed) = (open & !in_part, mixed | in_part);
+                let (open, mixed) = (whole & !in_part, !(whole | none) | in_part);
                 let [matters, bent] = parts.classify(lanes, &light.cells, block, CELL_SHARE * self.threshold);
                 list.push(1, block, open & !bent & matters);
                 let mut whole = (open & bent) | (mixed & matters);

@@ -51,6 +51,26 @@ pub trait Lanes: Copy {
     fn both(self, a: Self::M, b: Self::M) -> Self::M;
     fn sum(self, a: Self::V) -> f32;
 
+    /// Texels of a block of 16×16 from where they change: the bit at a position is `before` changed by every position up to it.
+    #[inline(always)]
+    fn cells(self, positions: &[u8], before: bool) -> Cells {
+        let mut words = [0u64; 4];
+        for position in positions {
+            words[usize::from(position / 64)] |= 1 << (position % 64);
+        }
+        let mut carry = if before { u64::MAX } else { 0 };
+        for word in &mut words {
+            for shift in [1, 2, 4, 8, 16, 32] {
+                *word ^= *word << shift;
+            }
+            *word ^= carry;
+            carry = if *word >> 63 == 1 { u64::MAX } else { 0 };
+        }
+        let texels: [u16; WIDTH] = std::array::from_fn(|cell| (words[cell / 4] >> (16 * (cell % 4))) as u16);
+        let bits = |holds: fn(u16) -> bool| (0..WIDTH).fold(0, |bits, cell| bits | u16::from(holds(texels[cell])) << cell);
+        Cells { texels, whole: bits(|texels| texels == u16::MAX), none: bits(|texels| texels == 0) }
+    }
+
     /// 1/a, one Newton step behind the rough one; a not 0.
     #[inline(always)]
     fn reciprocal(self, a: Self::V) -> Self::V {
@@ -96,6 +116,22 @@ pub trait Lanes: Copy {
         let series = self.fma(series, uu, self.splat(2.885_390_1));
         self.fma(lost, self.splat(std::f32::consts::LOG2_E), self.fma(series, u, e))
     }
+}
+
+/// A block's sixteen cells of 4×4 texels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cells {
+    /// Bits of each cell's texels.
+    pub texels: [u16; WIDTH],
+    /// Cells with all texels.
+    pub whole: u16,
+    /// Cells without any.
+    pub none: u16,
+}
+
+impl Cells {
+    /// All texels.
+    pub const WHOLE: Cells = Cells { texels: [u16::MAX; WIDTH], whole: u16::MAX, none: 0 };
 }
 
 /// Work that is written once for every set of instructions.
@@ -284,6 +320,48 @@ mod tests {
             for path in SimdPath::all_available() {
                 let got = f64::from(run(path, Log(a as f32)));
                 assert!((got - exact).abs() <= 1e-6 * exact.abs(), "{path:?} {a}: {got} {exact}");
+            }
+        }
+    }
+
+    struct Unpack(Vec<u8>, bool);
+
+    impl Kernel for Unpack {
+        type Output = Cells;
+
+        #[inline(always)]
+        fn run<L: Lanes>(self, lanes: L) -> Cells {
+            lanes.cells(&self.0, self.1)
+        }
+    }
+
+    #[test]
+    fn cells_of_transitions_are_the_texels_between_them_on_every_path() {
+        let lists: [Vec<u8>; 7] = [
+            vec![],
+            vec![0],
+            vec![255],
+            (0..=255).collect(),
+            vec![63, 64, 127, 128, 191, 192],
+            vec![16, 32, 200],
+            (0..=255).filter(|p| p % 7 == 3 || p % 64 == 0).collect(),
+        ];
+        for (list, before) in lists.iter().flat_map(|list| [(list, false), (list, true)]) {
+            let mut texel = before;
+            let texels: Vec<bool> = (0..=255)
+                .map(|p| {
+                    texel ^= list.contains(&p);
+                    texel
+                })
+                .collect();
+            for path in SimdPath::all_available() {
+                let Cells { texels: got, whole, none } = run(path, Unpack(list.clone(), before));
+                for cell in 0..WIDTH {
+                    let own = &texels[cell * WIDTH..][..WIDTH];
+                    assert!((0..WIDTH).all(|texel| (got[cell] >> texel & 1 == 1) == own[texel]), "{path:?}, {list:?}, cell {cell}");
+                    assert_eq!(whole >> cell & 1 == 1, own.iter().all(|texel| *texel), "{path:?}, {list:?}, cell {cell}");
+                    assert_eq!(none >> cell & 1 == 1, !own.contains(&true), "{path:?}, {list:?}, cell {cell}");
+                }
             }
         }
     }

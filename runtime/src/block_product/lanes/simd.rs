@@ -1,7 +1,7 @@
 //! [`Lanes`] of AVX-512 (one register) and of AVX2 with FMA (two registers). Their twin is `Plain`.
 #![allow(unsafe_code)]
 
-use super::{Kernel, Lanes, WIDTH};
+use super::{Cells, Kernel, Lanes, WIDTH};
 use std::arch::x86_64::*;
 
 /// AVX-512 F, BW, DQ and VL. Exists only inside [`run_avx512`], where they are there.
@@ -156,6 +156,12 @@ impl Lanes for Avx512 {
         // SAFETY: see `splat`.
         unsafe { _mm512_reduce_add_ps(a) }
     }
+
+    #[inline(always)]
+    fn cells(self, positions: &[u8], before: bool) -> Cells {
+        // SAFETY: who holds `self` has AVX2.
+        unsafe { cells(positions, before) }
+    }
 }
 
 /// An operation on both halves.
@@ -301,4 +307,51 @@ impl Lanes for Avx2 {
             _mm_cvtss_f32(_mm_add_ss(two, _mm_shuffle_ps::<1>(two, two)))
         }
     }
+
+    #[inline(always)]
+    fn cells(self, positions: &[u8], before: bool) -> Cells {
+        // SAFETY: who holds `self` has AVX2.
+        unsafe { cells(positions, before) }
+    }
+}
+
+/// All ones in the words whose bit is set.
+static CARRIES: [[u64; 4]; 16] = {
+    let (mut carries, mut at) = ([[0; 4]; 16], 0);
+    while at < 64 {
+        carries[at / 4][at % 4] = if (at / 4) >> (at % 4) & 1 == 1 { u64::MAX } else { 0 };
+        at += 1;
+    }
+    carries
+};
+
+/// [`Lanes::cells`]: a shift by 64 and more, or by less than nothing, leaves no bit, so each of four words takes what is its own.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn cells(positions: &[u8], before: bool) -> Cells {
+    let (first, one) = (_mm256_set_epi64x(192, 128, 64, 0), _mm256_set1_epi64x(1));
+    let mut bits = _mm256_setzero_si256();
+    for position in positions {
+        let at = _mm256_sub_epi64(_mm256_set1_epi64x(i64::from(*position)), first);
+        bits = _mm256_or_si256(bits, _mm256_sllv_epi64(one, at));
+    }
+    bits = _mm256_xor_si256(bits, _mm256_slli_epi64::<1>(bits));
+    bits = _mm256_xor_si256(bits, _mm256_slli_epi64::<2>(bits));
+    bits = _mm256_xor_si256(bits, _mm256_slli_epi64::<4>(bits));
+    bits = _mm256_xor_si256(bits, _mm256_slli_epi64::<8>(bits));
+    bits = _mm256_xor_si256(bits, _mm256_slli_epi64::<16>(bits));
+    bits = _mm256_xor_si256(bits, _mm256_slli_epi64::<32>(bits));
+    // A word is turned by those before it that end changed.
+    let odd = _mm256_movemask_pd(_mm256_castsi256_pd(bits)) as usize;
+    let turned = (odd << 1 ^ odd << 2 ^ odd << 3 ^ if before { 15 } else { 0 }) & 15;
+    // SAFETY: 32 bytes each, unaligned; every bit pattern is a valid array.
+    let (bits, texels) = unsafe {
+        let bits = _mm256_xor_si256(bits, _mm256_loadu_si256(CARRIES[turned].as_ptr().cast()));
+        (bits, std::mem::transmute::<__m256i, [u16; WIDTH]>(bits))
+    };
+    let whole = _mm256_cmpeq_epi16(bits, _mm256_set1_epi16(-1));
+    let none = _mm256_cmpeq_epi16(bits, _mm256_setzero_si256());
+    // Bytes: whole 0..8, none 0..8, whole 8..16, none 8..16.
+    let found = _mm256_movemask_epi8(_mm256_packs_epi16(whole, none)) as u32;
+    Cells { texels, whole: (found & 0xff | found >> 8 & 0xff00) as u16, none: (found >> 8 & 0xff | found >> 16 & 0xff00) as u16 }
 }
