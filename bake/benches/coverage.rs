@@ -4,7 +4,8 @@
 //! Single rays: obvhs BVH2 medium, triangles in the tree's order, one ray a texel above the horizon. For the ratio that the marks speak
 //! of, build with `RUSTFLAGS="-C target-cpu=native"`. Scenes are read from `../shared/scenes`; without them one made in code stands in.
 //!
-//! `PRELIGHT_BENCH_ONLY=apartment` picks scenes, `PRELIGHT_BENCH_ROUNDS=0` leaves out the rays.
+//! `PRELIGHT_BENCH_ONLY=apartment` picks scenes, `PRELIGHT_BENCH_ROUNDS=0` leaves out the rays, `PRELIGHT_BENCH_FACE=128` takes faces of
+//! 128² texels instead of 64².
 
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
@@ -14,17 +15,17 @@ use obvhs::triangle::Triangle;
 use prelight_bake::scene::gltf::{LoadLimits, load};
 use prelight_bake::scene::world::{Occlusion, World};
 use prelight_bake::trace::{OccluderOptions, Occluders, Scratch, TraceOrigin, TreeQuality, horizon};
+use prelight_runtime::block_product::visibility::open_words;
 use prelight_runtime::sphere::cubemap::texel_direction;
 use rustix::time::{ClockId, clock_gettime};
 
 const RUNS: usize = 16;
 const RUN_POINTS: usize = 32;
-const N: usize = 64;
-const WORDS: usize = 6 * N * N / 64;
 
 struct Subject {
     name: String,
     world: World,
+    face_resolution: usize,
 }
 
 type Point = ([f32; 3], [f32; 3]);
@@ -83,16 +84,17 @@ impl SingleRays {
         SingleRays { bvh, triangles }
     }
 
-    fn open_texels(&self, (origin, normal): Point, open: &mut [u64]) {
-        horizon::above_horizon(normal, N, open);
+    fn open_texels(&self, (origin, normal): Point, n: usize, open: &mut [u64]) {
+        horizon::above_horizon(normal, n, open);
         for (index, word) in open.iter_mut().enumerate() {
             let mut rest = *word;
             while rest != 0 {
-                let x = rest.trailing_zeros() as usize;
+                let bit = rest.trailing_zeros() as usize;
                 rest &= rest - 1;
-                let ray = Ray::new_inf(origin.into(), texel_direction(N, index / N, x, index % N).into());
+                let texel = 64 * index + bit;
+                let ray = Ray::new_inf(origin.into(), texel_direction(n, texel / (n * n), texel % n, texel / n % n).into());
                 if !self.bvh.ray_traverse_miss(ray, |ray, id| self.triangles[id].intersect(ray)) {
-                    *word &= !(1 << x);
+                    *word &= !(1 << bit);
                 }
             }
         }
@@ -105,7 +107,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 fn measure(subject: &Subject) {
-    let points = origins(&subject.world);
+    let (points, n) = (origins(&subject.world), subject.face_resolution);
     let rounds = std::env::var("PRELIGHT_BENCH_ROUNDS").ok().and_then(|r| r.parse().ok()).unwrap_or(3);
     let seconds = std::time::Instant::now();
     let occluders = Occluders::build(&subject.world, &[], OccluderOptions::default());
@@ -113,7 +115,7 @@ fn measure(subject: &Subject) {
     let slow = Occluders::build(&subject.world, &[], OccluderOptions { quality: TreeQuality::VerySlow, ..OccluderOptions::default() });
     let rays = SingleRays::build(&subject.world);
     let mut scratch = Scratch::default();
-    let (mut fast, mut truth) = (vec![0; WORDS], vec![0; WORDS]);
+    let (mut fast, mut truth) = (vec![0; open_words(n)], vec![0; open_words(n)]);
     let (mut traced, mut differing, mut still_open) = (0u64, 0u64, 0u64);
     let mut times = [const { Vec::new() }; 3];
     for round in 0..rounds.max(1) {
@@ -123,7 +125,7 @@ fn measure(subject: &Subject) {
             for (occluders, spent) in [&occluders, &slow].into_iter().zip(&mut spent) {
                 let start = thread_seconds();
                 for &(origin, normal) in run {
-                    occluders.open_texels(&TraceOrigin { origin, normal, base_triangles: &[] }, N, &mut scratch, &mut fast);
+                    occluders.open_texels(&TraceOrigin { origin, normal, base_triangles: &[] }, n, &mut scratch, &mut fast);
                     std::hint::black_box(&fast);
                 }
                 *spent += thread_seconds() - start;
@@ -131,13 +133,13 @@ fn measure(subject: &Subject) {
             if rounds > 0 {
                 for &point in run {
                     let start = thread_seconds();
-                    rays.open_texels(point, &mut truth);
+                    rays.open_texels(point, n, &mut truth);
                     spent[2] += thread_seconds() - start;
                     if round == 0 {
                         let (origin, normal) = point;
-                        horizon::above_horizon(normal, N, &mut fast);
+                        horizon::above_horizon(normal, n, &mut fast);
                         traced += fast.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
-                        occluders.open_texels(&TraceOrigin { origin, normal, base_triangles: &[] }, N, &mut scratch, &mut fast);
+                        occluders.open_texels(&TraceOrigin { origin, normal, base_triangles: &[] }, n, &mut scratch, &mut fast);
                         differing += fast.iter().zip(&truth).map(|(a, b)| u64::from((a ^ b).count_ones())).sum::<u64>();
                         still_open += fast.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
                     }
@@ -180,6 +182,8 @@ fn made_in_code() -> World {
 }
 
 fn main() {
+    let face_resolution = if std::env::var("PRELIGHT_BENCH_FACE").is_ok_and(|face| face == "128") { 128 } else { 64 };
+    println!("faces of {face_resolution}² texels");
     println!(
         "{:<14} {:>8} {:>7} | {:>8} {:>7} | {:>8} {:>7} | {:>9} {:>6} | {:>6} differing bits",
         "scene", "tris", "build s", "us/point", "ratio", "v.slow", "ratio", "rays us", "Mray/s", "hidden"
@@ -193,11 +197,11 @@ fn main() {
             continue;
         }
         match load(&path, &LoadLimits::default()) {
-            Ok(scene) => measure(&Subject { name: name.into(), world: World::build(&scene) }),
+            Ok(scene) => measure(&Subject { name: name.into(), world: World::build(&scene), face_resolution }),
             Err(error) => eprintln!("SKIPPED: {name}: {error}"),
         }
     }
     if "made_in_code".contains(&only) {
-        measure(&Subject { name: "made_in_code".into(), world: made_in_code() });
+        measure(&Subject { name: "made_in_code".into(), world: made_in_code(), face_resolution });
     }
 }
