@@ -8,7 +8,7 @@ pub enum SimdPath {
     /// Portable code.
     #[default]
     Scalar,
-    /// x86-64 with AVX2.
+    /// x86-64 with AVX2, BMI1, BMI2, LZCNT and POPCNT.
     Avx2,
 }
 
@@ -26,7 +26,7 @@ impl SimdPath {
     /// This path if the CPU has it, else the next lower one.
     pub fn available(self) -> Self {
         #[cfg(target_arch = "x86_64")]
-        if self == SimdPath::Avx2 && is_x86_feature_detected!("avx2") {
+        if self == SimdPath::Avx2 && super::simd::Avx2::detect().is_some() {
             return SimdPath::Avx2;
         }
         SimdPath::Scalar

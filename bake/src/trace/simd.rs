@@ -2,7 +2,8 @@
 //! AVX2 twin of the scalar coverage kernel: eight children or eight triangles a step, eight texels of a row a step.
 //!
 //! Every lane does the operations of `predicate.rs` in the same order with the same rounding (no FMA, true division), so the bits are the
-//! scalar's. Triangles of at most 2×2 texels are evaluated eight at once; larger ones row by row.
+//! scalar's. Triangles of at most 2×2 texels are evaluated eight at once; larger ones row by row. Compiled for AVX-512 as well this is 1 %
+//! faster, which is not worth a path of its own.
 
 use super::coverage::{self, Kernel, Scene, Waiting, Window, span};
 use super::predicate::{NEAR, Rect, View};
@@ -11,13 +12,15 @@ use super::samples::{Edges, SIDE, SampleKernel, Sampled, Triangles};
 use super::tree::{Block, Child, LANES, Node, Tree, child};
 use std::arch::x86_64::*;
 
-/// Proof that the CPU has AVX2: only [`Avx2::detect`] makes one.
+/// Proof that the CPU has AVX2 and the bit instructions of its time: only [`Avx2::detect`] makes one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Avx2(());
 
 impl Avx2 {
     pub fn detect() -> Option<Self> {
-        is_x86_feature_detected!("avx2").then_some(Avx2(()))
+        let bits = is_x86_feature_detected!("bmi1") && is_x86_feature_detected!("bmi2");
+        let counts = is_x86_feature_detected!("lzcnt") && is_x86_feature_detected!("popcnt");
+        (is_x86_feature_detected!("avx2") && bits && counts).then_some(Avx2(()))
     }
 
     /// [`coverage::cover`] compiled for AVX2.
@@ -45,22 +48,22 @@ impl Avx2 {
     }
 }
 
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 fn occluded(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> bool {
     ray::occluded(scene, origin, direction, t_max)
 }
 
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 fn closest_hit(scene: RayScene, origin: [f32; 3], direction: [f32; 3]) -> Option<Hit> {
     ray::closest_hit(scene, origin, direction)
 }
 
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 fn cover_samples(kernel: Avx2, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
     coverage::cover(Sampled(kernel), scene, view, window, stack);
 }
 
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 fn cover(kernel: Avx2, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
     coverage::cover(kernel, scene, view, window, stack);
 }
