@@ -1,12 +1,13 @@
 //! An experiment: seeded edits of single objects of a real scene, each baked into the store of the unedited one.
 //!
 //! ```text
-//! cargo run --release -p prelight-bake --example rebake -- SCENE [--points N] [--edits 20] [--moves 20] [--clean-every 1] [--seed 1]
+//! cargo run --release -p prelight-bake --example rebake -- SCENE [--points N] [--edits 20] [--moves 20] [--clean-every 1] [--seed 1] [--base DIR]
 //! ```
 //!
 //! Prints per edit the share of other objects' live tiles that was redone, the share whose bits truly changed, and the time against a
 //! clean bake; then the sums and percentiles of sideways moves, which have marks. Fails if a rebaked digest is not the clean bake's.
-//! Time is wall time of planning, looking up, tracing and sealing; reading the file and copying the store are left out.
+//! Time is processor time of all threads for planning, looking up, tracing and sealing, which other people's jobs disturb less than wall time;
+//! reading the file and copying the store are left out. `--base` keeps the unedited scene's store for the next run.
 
 #[allow(dead_code, reason = "the tests use all of it")]
 #[path = "../tests/support/edits.rs"]
@@ -27,8 +28,8 @@ use prelight_bake::scene::world::World;
 use prelight_bake::settings::Settings;
 use prelight_bake::trace::Occluders;
 use prelight_store::Store;
-use std::path::Path;
-use std::time::Instant;
+use rustix::time::ClockId;
+use std::path::{Path, PathBuf};
 
 const MEMORY: u64 = 8 << 30;
 
@@ -42,12 +43,17 @@ struct Arguments {
     moves: usize,
     clean_every: usize,
     seed: u64,
+    base: Option<PathBuf>,
 }
 
 fn arguments() -> Arguments {
-    let mut arguments = Arguments { scene: String::new(), points: None, edits: 20, moves: 20, clean_every: 1, seed: 1 };
+    let mut arguments = Arguments { scene: String::new(), points: None, edits: 20, moves: 20, clean_every: 1, seed: 1, base: None };
     let mut rest = std::env::args().skip(1);
     while let Some(argument) = rest.next() {
+        if argument == "--base" {
+            arguments.base = rest.next().map(PathBuf::from);
+            continue;
+        }
         let mut number = || rest.next().and_then(|n| n.parse::<u64>().ok()).unwrap_or_else(|| panic!("{argument} takes a number"));
         match argument.as_str() {
             "--points" => arguments.points = Some(number()),
@@ -64,9 +70,9 @@ fn arguments() -> Arguments {
 
 /// Bakes and says how long it took.
 fn timed(scene: &Scene, options: &BakeOptions, store: &Store) -> (Baked, f64) {
-    let start = Instant::now();
+    let start = processor_seconds(ClockId::ProcessCPUTime);
     let baked = bake(scene, options, store, &Silent).expect("the scene bakes");
-    (baked, start.elapsed().as_secs_f64())
+    (baked, processor_seconds(ClockId::ProcessCPUTime) - start)
 }
 
 fn copy_folder(from: &Path, to: &Path) {
@@ -138,7 +144,7 @@ impl Experiment<'_> {
         let stages: Vec<String> = rebaked.stats.seconds.iter().map(|(stage, seconds)| format!("{stage} {seconds:.2}")).collect();
         let checked = if check { "digest equal" } else { "" };
         println!(
-            "{:>7.2} % redone {:>7.2} % changed {:>6.1} % new {:>6.1} % of clean time ({:.2} s: {})  {}  {checked}",
+            "{:>7.2} % redone {:>7.2} % changed {:>6.1} % new {:>6.1} % of clean time ({:.2} s; wall {})  {}  {checked}",
             row.redone(),
             row.changed(),
             100.0 * row.tiles.new as f64 / row.tiles.live as f64,
@@ -157,9 +163,9 @@ fn percentile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * share).round() as usize]
 }
 
-/// Processor seconds of this thread.
-fn thread_seconds() -> f64 {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+/// Processor seconds of this thread or of all.
+fn processor_seconds(clock: ClockId) -> f64 {
+    let time = rustix::time::clock_gettime(clock);
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
@@ -174,13 +180,13 @@ fn time_keys(scene: &Scene, options: &BakeOptions, store: &Store) -> (f64, u64) 
     for object in 0..scene.objects.len() {
         let plan = plan_object(scene, &world, object, &options.points[object]).expect("the scene can be planned");
         for patch in &plan.patches {
-            let start = thread_seconds();
+            let start = processor_seconds(ClockId::ThreadCPUTime);
             let inputs = PatchInputs::new(&of, &plan, patch);
-            seconds += thread_seconds() - start;
+            seconds += processor_seconds(ClockId::ThreadCPUTime) - start;
             let tables: Vec<TileTable> = candidates(store, &inputs).expect("the store can be read").into_iter().map(|c| c.table).collect();
-            let start = thread_seconds();
+            let start = processor_seconds(ClockId::ThreadCPUTime);
             let (_, stale) = stale_tiles(&of, &inputs, &tables);
-            seconds += thread_seconds() - start;
+            seconds += processor_seconds(ClockId::ThreadCPUTime) - start;
             assert_eq!(stale, 0, "nothing was edited");
             points += u64::from(patch.n_points);
         }
@@ -197,9 +203,14 @@ fn main() {
         Settings::resolve(&input.manifest, &loaded.knobs, &loaded.scene, &world, arguments.points, MEMORY).expect("the knobs are right");
     let (scene, options) = (&loaded.scene, &settings.options);
     let work = tempfile::tempdir().expect("a temporary folder");
-    let folder = work.path().join("base");
+    let folder = arguments.base.clone().unwrap_or_else(|| work.path().join("base"));
     let store = Store::open_or_create(&folder).expect("a new store");
-    let (baked, clean_seconds) = timed(scene, options, &store);
+    let (baked, mut clean_seconds) = timed(scene, options, &store);
+    let noted = folder.with_extension("seconds");
+    match std::fs::read_to_string(&noted).ok().and_then(|text| text.parse().ok()) {
+        Some(before) if baked.stats.tiles.traced == 0 => clean_seconds = before,
+        _ => std::fs::write(&noted, clean_seconds.to_string()).expect("a file beside the store"),
+    }
     let (points, patches) = (baked.stats.points, baked.stats.patches);
     println!("{}: {points} points, {patches} patches, clean bake {clean_seconds:.2} s, stages {:?}", arguments.scene, baked.stats.seconds);
     let (again, seconds) = timed(scene, options, &store);

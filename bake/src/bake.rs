@@ -13,7 +13,7 @@ mod work;
 pub use options::{BakeOptions, RebakeOptions};
 pub use stats::{BakeStats, TileStats};
 
-use crate::engine::object::{known_objects, object_keys};
+use crate::engine::object::{Known, KnownLight, known_objects, object_keys};
 use crate::engine::patch::Shadowing;
 use crate::engine::threads::Tracer;
 use crate::engine::transfer::TransferBaker;
@@ -102,7 +102,7 @@ pub fn bake_with_previews(
     let pieces = Pieces::build(scene, world, &layer_of, MAX_LAYERS);
     let mut stats = BakeStats::default();
     let wanted = |object: usize| options.rebake.wants(object);
-    let keys = object_keys(scene, options, &wanted);
+    let keys = object_keys(scene, world, &pieces, options, &wanted);
     let snapshot = Snapshot::new(&pieces);
     // Whoever wants hits checked wants all of them looked up one by one; what is to be measured needs its plan; indirect light hangs on the
     // whole scene, which an object's record does not know.
@@ -110,7 +110,19 @@ pub fn bake_with_previews(
     let is_direct = |object: usize| options.transfer_of(object as u32).is_none();
     let usable = |object: usize| !in_detail && wanted(object) && is_direct(object);
     let known = known_objects(scene, options, &keys, &snapshot, store, &usable)?;
-    let mut objects: Vec<Option<AssetObject>> = known.into_iter().map(|known| known.map(|known| stats.take(known))).collect();
+    let mut objects: Vec<Option<AssetObject>> = vec![None; known.len()];
+    let mut lights: Vec<Option<Box<KnownLight>>> = Vec::with_capacity(known.len());
+    for (known, object) in known.into_iter().zip(&mut objects) {
+        let light = match known {
+            Known::Nothing => None,
+            Known::Whole(made, counts) => {
+                *object = Some(stats.take(*made, &counts));
+                None
+            }
+            Known::Light(light) => Some(light),
+        };
+        lights.push(light);
+    }
     let missing: Vec<bool> = objects.iter().enumerate().map(|(object, known)| wanted(object) && known.is_none()).collect();
     let counts: Vec<u64> = counts.iter().zip(&missing).map(|(count, missing)| if *missing { *count } else { 0 }).collect();
     let batches = crate::plan::estimate::batches(world, &counts, options.memory, rayon::current_num_threads())?;
@@ -148,7 +160,8 @@ pub fn bake_with_previews(
         for batch in batches {
             let batch: Vec<usize> = batch.filter(|object| missing[*object]).collect();
             let estimate = counts.iter().sum();
-            let mut work = plan_batch(&batch, estimate, world, &sealing, &mut clock)?;
+            let known = batch.iter().map(|object| lights[*object].take()).collect();
+            let mut work = plan_batch(&batch, known, estimate, world, &sealing, &mut clock)?;
             if let Some(preview) = preview.as_deref_mut().filter(|_| n_batches == 1) {
                 for points in preview_points(estimate as usize) {
                     let first = sealing.first_points(&mut work, points, &tracer, &mut stats)?;
@@ -207,12 +220,29 @@ fn finish(
     Ok(Baked { content, asset_digest, stats })
 }
 
-/// Plans some objects.
-fn plan_batch(batch: &[usize], estimate: u64, world: &World, of: &Sealing, clock: &mut Clock) -> Result<Vec<ObjectWork>, BakeError> {
-    let Sealing { scene, options, progress, .. } = *of;
+/// Plans some objects. `known`: per object, what an earlier bake found.
+fn plan_batch(
+    batch: &[usize],
+    known: Vec<Option<Box<KnownLight>>>,
+    estimate: u64,
+    world: &World,
+    of: &Sealing,
+    clock: &mut Clock,
+) -> Result<Vec<ObjectWork>, BakeError> {
+    let Sealing { scene, options, store, progress, .. } = *of;
     let _stage = Stage::begin(progress, "place", Some(estimate), "points");
-    let work = (batch.par_iter())
-        .map(|&object| Ok(ObjectWork::new(plan_object(scene, world, object, &options.points[object])?)))
+    let read = |mut light: Box<KnownLight>| match light.load(store) {
+        Ok(()) => Some(light),
+        Err(error) => {
+            progress.warning(&format!("{error}: traced again"));
+            None
+        }
+    };
+    let work = (batch.par_iter().zip(known))
+        .map(|(&object, known)| {
+            let plan = plan_object(scene, world, object, &options.points[object])?;
+            Ok(ObjectWork::new(plan, known.and_then(read)))
+        })
         .collect::<Result<_, BakeError>>()?;
     clock.lap("plan");
     Ok(work)
@@ -245,6 +275,7 @@ fn bake_batch(
         }
         let split: u64 = work
             .par_iter_mut()
+            .filter(|object| object.standing().is_none())
             .map(|object| object.split(&options.points[object.plan.object as usize], options, transfer))
             .sum::<Result<u64, BakeError>>()?;
         clock.lap("refine");
@@ -252,7 +283,7 @@ fn bake_batch(
             break;
         }
     }
-    stats.points_made += work.iter().map(|object| object.plan.n_points() as u64).sum::<u64>();
+    stats.points_made += work.iter().map(ObjectWork::n_points).sum::<u64>();
     Ok(())
 }
 

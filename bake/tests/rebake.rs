@@ -10,6 +10,7 @@ use prelight_bake::engine::patch::{PatchInputs, Resolution, Shadowing, resolve, 
 use prelight_bake::engine::threads::{Paranoid, candidates};
 use prelight_bake::plan::layer::{MAX_LAYERS, layers};
 use prelight_bake::plan::pieces::Pieces;
+use prelight_bake::plan::stale::find_stale;
 use prelight_bake::plan::{PointParams, plan_object};
 use prelight_bake::progress::Silent;
 use prelight_bake::scene::world::World;
@@ -338,6 +339,45 @@ fn what_no_edit_reaches_is_taken_over_whole() {
         BakeOptions { rebake: RebakeOptions { paranoid: Some(Paranoid { tiles: 1, seed: 1 }), ..RebakeOptions::default() }, ..options };
     let checked = bake_in(&scene, &paranoid, &store);
     assert_eq!((checked.asset_digest, checked.stats.points_made), (moved.asset_digest, moved.stats.points), "checked one by one");
+}
+
+#[test]
+fn a_touched_object_keeps_the_patches_that_no_edit_reaches_and_what_they_saw_outlives_other_edits() {
+    let folder = folder();
+    let store = Store::open_or_create(folder.path()).unwrap();
+    let base = room();
+    let plain = options(&base);
+    let first = bake_in(&base, &plain, &store);
+    let lamp = base.objects.iter().position(|object| object.name == "lamp").expect("the lamp");
+    let mut scene = base.clone();
+    let mut random = Random(3);
+    apply(&mut scene, lamp, Edit::Move, &mut random);
+    let moved = bake_in(&scene, &plain, &store);
+    assert_eq!(moved.asset_digest, clean(&scene, &plain).2.asset_digest);
+    let tiles = moved.stats.tiles;
+    assert!(tiles.changed > 0 && tiles.redone < tiles.known / 20, "{tiles:?}");
+    assert!(moved.stats.patches_traced < moved.stats.patches / 2, "{:?}", moved.stats);
+    // What the lamp's move changed is known by what was seen, not by keys of tiles: it must outlive edits of materials, and plan must know.
+    scene.materials.iter_mut().for_each(|material| material.roughness = 0.35);
+    let world = World::build(&scene);
+    let stale = find_stale(&scene, &world, &plain, &store, &Silent).unwrap();
+    assert_eq!((stale.tiles, stale.stale.len() as u64, stale.live), (0, 0, moved.stats.tiles.live));
+    let painted = bake_in(&scene, &plain, &store);
+    assert_eq!((painted.stats.tiles.traced, painted.asset_digest), (0, clean(&scene, &plain).2.asset_digest));
+    let mut back = bake_in(&base, &plain, &store);
+    assert_eq!((back.stats.tiles.traced, back.asset_digest), (0, first.asset_digest));
+
+    // Records that are made from records, one edit after the other, on finer faces.
+    let fine = BakeOptions { face_resolution: 128, ..plain };
+    back = bake_in(&base, &fine, &store);
+    let mut scene = base.clone();
+    for step in 0..n_edits(4) {
+        let said = apply(&mut scene, [lamp, 3, 8][step % 3], [Edit::Move, Edit::Turn][step % 2], &mut random);
+        let rebaked = bake_in(&scene, &fine, &store);
+        assert_eq!(rebaked.asset_digest, clean(&scene, &fine).2.asset_digest, "step {step}: {said}");
+        assert!(rebaked.asset_digest != back.asset_digest && rebaked.stats.tiles.redone < rebaked.stats.tiles.known / 4);
+        back = rebaked;
+    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use super::options::BakeOptions;
 use super::stats::BakeStats;
 use super::work::{ObjectWork, trace_missing};
 use crate::budget::{ObjectError, Probes};
-use crate::engine::object::{ObjectCounts, ObjectRecord};
+use crate::engine::object::{ObjectChunks, ObjectCounts, ObjectKey};
 use crate::engine::threads::Tracer;
 use crate::engine::transfer::TransferBaker;
 use crate::error::BakeError;
@@ -19,10 +19,11 @@ use crate::scene::world::World;
 use crate::seal::base_chunk;
 use crate::trace::Occluders;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
-use prelight_manifests::{ChunkKind, Digest, Dtype, Technique};
+use prelight_manifests::{ChunkKind, Dtype, Technique};
 use prelight_runtime::asset::points::PATCH_POINTS;
 use prelight_store::{MAX_RECORD_DATA, Record, Store};
 use rayon::prelude::*;
+use std::cell::OnceCell;
 
 /// What sealing an object reads beside the object.
 pub(super) struct Sealing<'a> {
@@ -31,7 +32,7 @@ pub(super) struct Sealing<'a> {
     pub store: &'a Store,
     pub progress: &'a dyn Progress,
     /// `[objects of the scene]`.
-    pub keys: &'a [Digest],
+    pub keys: &'a [Option<ObjectKey>],
     pub snapshot: &'a Snapshot,
     /// Where an object asks for it.
     pub transfer: Option<&'a TransferBaker<'a>>,
@@ -88,13 +89,27 @@ impl Sealing<'_> {
         for object in work {
             check(self.progress)?;
             let plan = &object.plan;
+            if let Some((known, chunks)) = object.standing() {
+                let light = object.light(self.options);
+                let made = chunks.object(self.scene, self.options, plan.object as usize, &known.light);
+                if recorded && let Some(key) = &self.keys[plan.object as usize] {
+                    light.encode(&snapshot).into_iter().for_each(|record| writer.record(key.light, record));
+                }
+                stage.advance(plan.patches.len() as u64);
+                stats.count(&made, &chunks.counts);
+                sealed.push(made);
+                continue;
+            }
             let source = &self.scene.objects[plan.object as usize];
-            let surfaces = point_surfaces(self.scene, plan);
+            // Chunks that an earlier bake made of the same points, split alike.
+            let before = object.chunks_before();
+            let surfaces = OnceCell::new();
+            let surfaces = || surfaces.get_or_init(|| point_surfaces(self.scene, plan));
             let asked = self.options.transfer_of(plan.object);
             let indirect = match self.transfer.zip(asked) {
                 Some((baker, own)) => {
                     // Mostly found: only averages over footprints that a last split has changed are new.
-                    let (chunks, took) = baker.run(plan, &surfaces, own)?;
+                    let (chunks, took) = baker.run(plan, surfaces(), own)?;
                     stats.bytes_stored += took.bytes_stored;
                     stats.transfer.add(&took);
                     chunks.into_iter().map(|patch| Some(patch.descriptor)).collect()
@@ -102,24 +117,36 @@ impl Sealing<'_> {
                 None => vec![None; plan.patches.len()],
             };
             let mut patches = Vec::with_capacity(plan.patches.len());
-            for ((patch, (visibility, _)), transfer) in plan.patches.iter().zip(&object.visibility).zip(indirect) {
+            for (index, (patch, transfer)) in plan.patches.iter().zip(indirect).enumerate() {
                 let n = u64::from(patch.n_points);
-                let points = writer.put(ChunkKind::Points, Dtype::U8, vec![n], &plan.points(patch).to_chunk())?;
-                let surface = writer.put(ChunkKind::Surface, Dtype::U8, vec![n], &surfaces.patch(patch).to_chunk())?;
-                patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility: visibility.clone(), transfer });
+                let points = match before.filter(|(known, _)| object.is_buried_as(known, index)) {
+                    Some((_, chunks)) => chunks.patches[index][0].clone(),
+                    None => writer.put(ChunkKind::Points, Dtype::U8, vec![n], &plan.points(patch).to_chunk())?,
+                };
+                let surface = match before {
+                    Some((_, chunks)) => chunks.patches[index][1].clone(),
+                    None => writer.put(ChunkKind::Surface, Dtype::U8, vec![n], &surfaces().patch(patch).to_chunk())?,
+                };
+                let visibility = object.visibility[index].0.clone();
+                patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility, transfer });
                 stage.advance(1);
                 waiting += n as usize;
-                if waiting >= POINTS_PER_SHARD {
+                if waiting >= POINTS_PER_SHARD && before.is_none() {
                     check(self.progress)?;
                     stats.bytes_stored += commit(std::mem::replace(&mut writer, self.store.writer()))?;
                     waiting = 0;
                 }
             }
-            let mesh = plan.mesh();
-            let shape = vec![mesh.position.len() as u64, mesh.triangles.len() as u64];
-            let mesh = writer.put(ChunkKind::Mesh, Dtype::U8, shape, &mesh.view().to_chunk())?;
-            let shape = vec![source.mesh.primitives.len() as u64];
-            let base = writer.put(ChunkKind::Base, Dtype::U8, shape, &base_chunk(&source.mesh))?;
+            let (base, mesh) = match before {
+                Some((_, chunks)) => (chunks.base.clone(), chunks.mesh.clone()),
+                None => {
+                    let mesh = plan.mesh();
+                    let shape = vec![mesh.position.len() as u64, mesh.triangles.len() as u64];
+                    let mesh = writer.put(ChunkKind::Mesh, Dtype::U8, shape, &mesh.view().to_chunk())?;
+                    let shape = vec![source.mesh.primitives.len() as u64];
+                    (writer.put(ChunkKind::Base, Dtype::U8, shape, &base_chunk(&source.mesh))?, mesh)
+                }
+            };
             let made = AssetObject {
                 name: source.name.clone(),
                 technique: if asked.is_some() { Technique::VmfTransfer } else { Technique::BlockProduct }.name().to_string(),
@@ -132,12 +159,13 @@ impl Sealing<'_> {
                 patches,
             };
             let counts = ObjectCounts { triangles: made.n_triangles, buried: plan.n_buried() as u32, ..object.counts };
-            let record = ObjectRecord { object: &made, counts, reaches: &object.reaches };
             if recorded
                 && asked.is_none()
-                && let Some(record) = record.encode(&snapshot)
+                && let Some(key) = &self.keys[plan.object as usize]
             {
-                writer.record(self.keys[plan.object as usize], record);
+                let light = object.light(self.options);
+                light.encode(&snapshot).into_iter().for_each(|record| writer.record(key.light, record));
+                writer.record(key.chunks(&light.state()), ObjectChunks::new(&made, counts).encode());
             }
             stats.count(&made, &counts);
             sealed.push(made);

@@ -1,7 +1,7 @@
 //! Counts and times of a bake.
 
 use crate::budget::ObjectError;
-use crate::engine::object::{KnownObject, ObjectCounts};
+use crate::engine::object::ObjectCounts;
 use crate::engine::threads::PatchResult;
 use crate::engine::transfer::TransferStats;
 use crate::plan::changes::StalePatch;
@@ -51,11 +51,11 @@ impl BakeStats {
     }
 
     /// Counts an object that needs no work.
-    pub(super) fn take(&mut self, known: KnownObject) -> AssetObject {
-        self.count(&known.object, &known.counts);
-        self.tiles.live += u64::from(known.counts.live);
-        self.tiles.known += u64::from(known.counts.live);
-        known.object
+    pub(super) fn take(&mut self, object: AssetObject, counts: &ObjectCounts) -> AssetObject {
+        self.count(&object, counts);
+        self.tiles.live += u64::from(counts.live);
+        self.tiles.known += u64::from(counts.live);
+        object
     }
 }
 

@@ -3,7 +3,8 @@
 use super::options::BakeOptions;
 use super::stats::BakeStats;
 use crate::budget::{ObjectError, PLACES, Probes, measure_baked};
-use crate::engine::object::{ObjectCounts, PatchReach};
+use crate::engine::light::{LightPatch, LightRecord, PatchReach};
+use crate::engine::object::{KnownLight, ObjectChunks, ObjectCounts, raster};
 use crate::engine::threads::{PatchTask, Tracer};
 use crate::engine::transfer::{PatchTransfer, TransferBaker};
 use crate::error::BakeError;
@@ -18,8 +19,9 @@ use crate::scene::world::World;
 use crate::trace::Occluders;
 use prelight_manifests::Descriptor;
 use prelight_runtime::asset::points::BURIED;
-use prelight_runtime::block_product::visibility::{PointVisibility, Visibility};
+use prelight_runtime::block_product::visibility::Visibility;
 use prelight_store::Chunk;
+use std::cell::{Cell, OnceCell, RefCell};
 
 /// An object of the current batch.
 pub(super) struct ObjectWork {
@@ -28,6 +30,12 @@ pub(super) struct ObjectWork {
     pub visibility: Vec<(Descriptor, Chunk)>,
     /// Likewise: what each depends on.
     pub reaches: Vec<PatchReach>,
+    /// Likewise: points inside other solids.
+    buried: Vec<Vec<u8>>,
+    /// What an earlier bake found, as long as edges are split as they were then.
+    known: Option<Box<KnownLight>>,
+    /// Pairs of points that were asked for leaks and have one.
+    differing: Vec<[u32; 2]>,
     /// Light over other surfaces as it is now, and the normals that its slices lie about; empty where the object has none.
     indirect: (Vec<PatchTransfer>, Vec<[f32; 3]>),
     /// Points below this were there at the last round: edges between them were asked then, and the answer does not change.
@@ -36,15 +44,81 @@ pub(super) struct ObjectWork {
 }
 
 impl ObjectWork {
-    pub fn new(plan: ObjectPlan) -> Self {
-        let indirect = Default::default();
-        ObjectWork { plan, visibility: Vec::new(), reaches: Vec::new(), indirect, judged: 0, counts: ObjectCounts::default() }
+    pub fn new(plan: ObjectPlan, known: Option<Box<KnownLight>>) -> Self {
+        ObjectWork {
+            plan,
+            visibility: Vec::new(),
+            reaches: Vec::new(),
+            buried: Vec::new(),
+            known,
+            differing: Vec::new(),
+            indirect: Default::default(),
+            judged: 0,
+            counts: ObjectCounts::default(),
+        }
+    }
+
+    /// Whether a patch is not as an earlier bake found it.
+    fn is_changed(&self, known: &KnownLight, patch: usize) -> bool {
+        let before = &known.light.patches[patch];
+        before.visibility.digest != self.visibility[patch].0.digest || before.buried != self.buried[patch]
+    }
+
+    /// The earlier bake whose chunks this object still has, but for those of light: all patches so far are as they were, and no other was
+    /// touched. Nothing is left to do then.
+    pub fn standing(&self) -> Option<(&KnownLight, &ObjectChunks)> {
+        let known = self.known.as_deref()?;
+        let n = self.visibility.len();
+        let same = !known.touched[n..].contains(&true) && (0..n).all(|patch| !self.is_changed(known, patch));
+        same.then_some(known).zip(known.chunks.as_ref())
+    }
+
+    /// Points of the finished object.
+    pub fn n_points(&self) -> u64 {
+        match self.standing() {
+            Some((known, _)) => known.light.patches.iter().map(|patch| u64::from(patch.n_points)).sum(),
+            None => self.plan.n_points() as u64,
+        }
+    }
+
+    /// The chunks of an earlier bake, if this finished object is split as it was then.
+    pub fn chunks_before(&self) -> Option<(&KnownLight, &ObjectChunks)> {
+        let known = self.known.as_deref().filter(|known| known.light.patches.len() == self.visibility.len())?;
+        Some(known).zip(known.chunks.as_ref())
+    }
+
+    /// Whether a patch has the buried points that an earlier bake found.
+    pub fn is_buried_as(&self, known: &KnownLight, patch: usize) -> bool {
+        known.light.patches[patch].buried == self.buried[patch]
+    }
+
+    /// What is recorded of the finished object.
+    pub fn light(&self, options: &BakeOptions) -> LightRecord {
+        let patch = |index: usize| LightPatch {
+            n_points: self.plan.patches[index].n_points,
+            visibility: self.visibility[index].0.clone(),
+            buried: self.buried[index].clone(),
+            reach: self.reaches[index].clone(),
+        };
+        let mut patches: Vec<LightPatch> = (0..self.visibility.len()).map(patch).collect();
+        let mut differing = self.differing.clone();
+        if let Some((known, _)) = self.standing() {
+            let after = |patch: &LightPatch| {
+                let reach = patch.reach.after(&known.changes, patch.reach.buried, raster(options));
+                LightPatch { reach, ..patch.clone() }
+            };
+            patches.extend(known.light.patches[patches.len()..].iter().map(after));
+            differing.clone_from(&known.light.differing);
+        }
+        differing.sort_unstable();
+        differing.dedup();
+        LightRecord { patches, differing }
     }
 
     /// With its first patches alone, which have been traced.
     pub fn first_patches(&self, n: usize) -> Self {
         let (plan, visibility) = (self.plan.first_patches(n), self.visibility[..n].to_vec());
-        ObjectWork { plan, visibility, reaches: Vec::new(), indirect: Default::default(), judged: 0, counts: self.counts }
+        ObjectWork { visibility, counts: self.counts, ..ObjectWork::new(plan, None) }
     }
 
     /// What is lost between its points.
@@ -75,40 +149,108 @@ impl ObjectWork {
     pub fn split(&mut self, params: &PointParams, options: &BakeOptions, transfer: Option<&TransferBaker>) -> Result<u64, BakeError> {
         let face_resolution = options.face_resolution;
         let texels = 6 * (face_resolution * face_resolution) as usize;
-        let patches: Vec<Visibility> = self.visibility.iter().map(|(_, chunk)| Visibility::from_chunk(chunk)).collect::<Result<_, _>>()?;
         let first: Vec<u32> = self.plan.patches.iter().map(|patch| patch.first).collect();
-        let point = |i: u32| -> PointVisibility {
-            let patch = first.partition_point(|first| *first <= i) - 1;
-            patches[patch].point((i - first[patch]) as usize)
+        let patch_of = |i: u32| first.partition_point(|first| *first <= i) - 1;
+        let patches: Vec<OnceCell<Visibility>> = vec![OnceCell::new(); self.visibility.len()];
+        // A chunk that cannot be read is rare, and its error can wait until all edges were asked.
+        let unreadable = RefCell::new(None);
+        let scratch = RefCell::new(Default::default());
+        let leak = |a: u32, b: u32| {
+            let seen = [a, b].map(|i| {
+                let patch = patch_of(i);
+                let visibility = match patches[patch].get() {
+                    Some(visibility) => visibility,
+                    None => match Visibility::from_chunk(&self.visibility[patch].1) {
+                        Ok(visibility) => patches[patch].get_or_init(|| visibility),
+                        Err(error) => {
+                            *unreadable.borrow_mut() = Some(error);
+                            return None;
+                        }
+                    },
+                };
+                Some(visibility.point((i - first[patch]) as usize))
+            });
+            let [Some(a), Some(b)] = seen else { return false };
+            Difference::between(a, b, texels, &mut scratch.borrow_mut()).is_leak(texels)
         };
-        let scratch = std::cell::RefCell::new(Default::default());
         let (patches_lit, normal) = (&self.indirect.0, &self.indirect.1);
         let baker = transfer.zip(options.transfer_of(self.plan.object));
         let indirect = baker.map(|(baker, own)| baker.differing(&self.plan, patches_lit, normal, own));
         let is_buried = |i: u32| self.plan.flags[i as usize] & BURIED != 0;
-        let differs = |a: u32, b: u32| {
-            // Nothing is interpolated from a buried point, so nothing leaks from it.
-            let settled = a.max(b) < self.judged || is_buried(a) || is_buried(b);
-            !settled
-                && (Difference::between(point(a), point(b), texels, &mut scratch.borrow_mut()).is_leak(texels)
-                    || indirect.as_ref().is_some_and(|differs| differs(a, b)))
+        let mut recall = self.known.as_deref().filter(|_| !params.coarser).map(|known| Recall::new(self, known));
+        let (plan, differing) = loop {
+            let found = RefCell::new(Vec::new());
+            let differs = |a: u32, b: u32| {
+                if a.max(b) < self.judged {
+                    return false;
+                }
+                // Nothing is interpolated from a buried point, so nothing leaks from it.
+                let ask = || !is_buried(a) && !is_buried(b) && (leak(a, b) || indirect.as_ref().is_some_and(|differs| differs(a, b)));
+                let answer = match &recall {
+                    Some(recall) => recall.answer([a, b], [a, b].map(patch_of), ask),
+                    None => ask(),
+                };
+                if answer {
+                    found.borrow_mut().push([a, b]);
+                }
+                answer
+            };
+            // Where fewer points are baked than the mesh has, those between two that differ are baked first.
+            let leaks = |a: u32, b: u32| !is_buried(a) && !is_buried(b) && leak(a, b);
+            let plan = match self.plan.without_leaking_stands(params, &leaks) {
+                Some(plan) => Some(plan),
+                None => split_differing(&self.plan, params, &differs)?,
+            };
+            if recall.as_ref().is_none_or(|recall| !recall.has_lost.get()) {
+                break (plan, found.into_inner());
+            }
+            recall = None;
         };
-        // Where fewer points are baked than the mesh has, those between two that differ are baked first.
-        let leaks = |a: u32, b: u32| {
-            let unusable = is_buried(a) || is_buried(b);
-            !unusable && Difference::between(point(a), point(b), texels, &mut scratch.borrow_mut()).is_leak(texels)
-        };
-        let plan = match self.plan.without_leaking_stands(params, &leaks) {
-            Some(plan) => Some(plan),
-            None => split_differing(&self.plan, params, &differs)?,
-        };
+        if let Some(error) = unreadable.take() {
+            return Err(BakeError::from(error));
+        }
+        let goes_on = recall.is_some_and(|recall| !recall.has_gained.get()) || params.coarser;
+        drop((patches, indirect));
+        self.differing.extend(differing);
+        if !goes_on {
+            self.known = None;
+        }
         let Some(plan) = plan else { return Ok(0) };
         let added = (plan.n_points() - self.plan.n_points()) as u64;
-        drop((patches, indirect));
         self.judged = self.plan.n_points() as u32;
         self.counts.split += added as u32;
         self.plan = plan;
         Ok(added)
+    }
+}
+
+/// Answers of an earlier bake about edges.
+struct Recall<'a> {
+    known: &'a KnownLight,
+    /// `[patches]` those that are not as they were.
+    changed: Vec<bool>,
+    /// A pair differs that did not, or was not asked then.
+    has_gained: Cell<bool>,
+    /// A pair that differed does not. An edge with several such pairs is asked until one says yes, so what the earlier bake says of others may
+    /// be no answer.
+    has_lost: Cell<bool>,
+}
+
+impl<'a> Recall<'a> {
+    fn new(object: &ObjectWork, known: &'a KnownLight) -> Self {
+        let changed = (0..object.visibility.len()).map(|patch| object.is_changed(known, patch)).collect();
+        Recall { known, changed, has_gained: Cell::new(false), has_lost: Cell::new(false) }
+    }
+
+    fn answer(&self, pair: [u32; 2], patches: [usize; 2], ask: impl Fn() -> bool) -> bool {
+        let before = self.known.light.differing.binary_search(&pair).is_ok();
+        if patches.iter().all(|patch| !self.changed[*patch]) {
+            return before;
+        }
+        let now = ask();
+        self.has_gained.set(self.has_gained.get() || now && !before);
+        self.has_lost.set(self.has_lost.get() || before && !now);
+        now
     }
 }
 
@@ -126,9 +268,11 @@ pub(super) fn trace_missing(
     };
     let tasks: Vec<PatchTask> = (work.iter().enumerate())
         .flat_map(|(at, object)| {
-            let (plan, missing) = (&object.plan, &object.plan.patches[missing(at, object)]);
+            let plan = &object.plan;
             let edge_length = options.points[plan.object as usize].edge_length;
-            missing.iter().map(move |patch| PatchTask { plan, edge_length, patch })
+            let indices = missing(at, object);
+            let known = move |index: usize| object.known.as_deref().and_then(|known| known.patch(index));
+            indices.map(move |index| PatchTask { plan, edge_length, patch: &plan.patches[index], known: known(index) })
         })
         .collect();
     let outcome = tracer.run(&tasks)?;
@@ -150,6 +294,7 @@ pub(super) fn trace_missing(
             object.counts.live += result.live.count_ones();
             object.visibility.push((result.visibility, result.chunk));
             object.reaches.push(result.reach);
+            object.buried.push(result.buried);
         }
     }
     stats.bytes_stored += outcome.bytes_stored;

@@ -8,7 +8,7 @@
 
 use prelight_runtime::asset::points::PATCH_POINTS;
 use prelight_runtime::block_product::visibility::fractions::Fractions;
-use prelight_runtime::block_product::visibility::{STREAM_PADDING, Visibility, block_count, open_words};
+use prelight_runtime::block_product::visibility::{PointVisibility, STREAM_PADDING, Visibility, block_count, open_words};
 use prelight_runtime::sphere::cubemap::{BLOCK_SIDE, BLOCK_TEXELS, hilbert_from_xy, row_major_from_hilbert};
 
 /// A texel that is open in part: its number (face·n² + y·n + x), and how far, in steps.
@@ -26,6 +26,87 @@ pub fn encode(face_resolution: usize, open: &[u64]) -> Vec<u8> {
 /// Panics as [`encode`], and unless there is a list per point, with levels in 1..steps.
 pub fn encode_gray(face_resolution: usize, open: &[u64], parts: &[Vec<Part>], steps: u32) -> Vec<u8> {
     encode_arrays(face_resolution, open, Some((parts, steps)))
+}
+
+/// [`encode`] of a patch of which most points are as they were: `changed` gives the open bits of those that are not, and the lists of the
+/// others are copied. The same bytes.
+///
+/// Panics as [`encode`], and if `before` is in grayscale.
+pub fn encode_changed<'a>(before: &Visibility, changed: impl Fn(usize) -> Option<&'a [u64]>) -> Vec<u8> {
+    assert!(before.steps().is_none(), "grayscale is encoded whole");
+    let n = before.face_resolution();
+    let order = BlockOrder::new(n);
+    let (mut runs, mut positions, mut corrections) = (Lists::new(), Vec::new(), Vec::new());
+    for at in 0..before.len() {
+        let Some(open) = changed(at) else {
+            runs.copy(&before.point(at));
+            continue;
+        };
+        let mut last = false;
+        for block in 0..block_count(n) {
+            positions.clear();
+            last = order.transitions(open, block, last, (&[], 1), &mut positions, &mut corrections);
+            runs.block(block, positions.iter().copied());
+        }
+        runs.point(n, &[]);
+    }
+    runs.pad();
+    Visibility::to_chunk(n, &runs.start, &runs.blocks, &runs.stream)
+}
+
+/// Sets the open bits of some faces (bit f) of a point, as [`PointVisibility::to_open_bits`] does those of all; the words of others stay.
+///
+/// Blocks without a transition, most of them, are filled row by row.
+pub fn open_bits(point: &PointVisibility, face_resolution: usize, faces: u8, open: &mut [u64]) {
+    let n = face_resolution;
+    let (face_blocks, words) = (n * n / BLOCK_TEXELS, n / 64);
+    let order = row_major_from_hilbert(n);
+    let (mut next_block, mut is_open) = (0, false);
+    // Positions of the block that is being read, and whether the texel before it is open.
+    let (mut own, mut block, mut before) = (Vec::with_capacity(BLOCK_TEXELS), usize::MAX, false);
+    let mut fill = |block: usize, positions: &[usize], before: bool| {
+        let (face, first) = (block / face_blocks, block % face_blocks * BLOCK_TEXELS);
+        if faces >> face & 1 == 0 {
+            return;
+        }
+        let texels = &order[first..first + BLOCK_TEXELS];
+        let (x0, y0) = (texels[0] as usize % n / BLOCK_SIDE * BLOCK_SIDE, texels[0] as usize / n / BLOCK_SIDE * BLOCK_SIDE);
+        let mut rows = [if before && positions.is_empty() { u16::MAX } else { 0 }; BLOCK_SIDE];
+        if !positions.is_empty() {
+            let (mut from, mut is_open) = (0, before);
+            for end in positions.iter().copied().chain([BLOCK_TEXELS]) {
+                if is_open {
+                    for texel in &texels[from..end] {
+                        rows[*texel as usize / n - y0] |= 1 << (*texel as usize % n - x0);
+                    }
+                }
+                (from, is_open) = (end, !is_open);
+            }
+        }
+        for (y, row) in rows.into_iter().enumerate() {
+            let word = &mut open[(face * n + y0 + y) * words + x0 / 64];
+            *word = *word & !(0xFFFF << (x0 % 64)) | u64::from(row) << (x0 % 64);
+        }
+    };
+    point.for_each_transition(|position| {
+        let at = position / BLOCK_TEXELS;
+        if at != block {
+            if block != usize::MAX {
+                fill(block, &own, before);
+                next_block = block + 1;
+            }
+            (next_block..at).for_each(|empty| fill(empty, &[], is_open));
+            own.clear();
+            (block, before) = (at, is_open);
+        }
+        own.push(position % BLOCK_TEXELS);
+        is_open = !is_open;
+    });
+    if block != usize::MAX {
+        fill(block, &own, before);
+        next_block = block + 1;
+    }
+    (next_block..block_count(n)).for_each(|empty| fill(empty, &[], is_open));
 }
 
 fn encode_arrays(face_resolution: usize, open: &[u64], gray: Option<(&[Vec<Part>], u32)>) -> Vec<u8> {
@@ -96,6 +177,14 @@ impl Lists {
         self.start.push(self.stream.len() as u32);
         self.positions.clear();
         self.mask = [0; 12];
+    }
+
+    /// A point of another chunk.
+    fn copy(&mut self, point: &PointVisibility) {
+        self.stream.extend_from_slice(point.counts);
+        self.stream.extend_from_slice(&point.positions[..point.transitions()]);
+        self.blocks.extend_from_slice(point.blocks);
+        self.start.push(self.stream.len() as u32);
     }
 
     fn pad(&mut self) {
@@ -180,6 +269,31 @@ mod tests {
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         z ^ (z >> 31)
+    }
+
+    #[test]
+    fn bits_come_back_face_by_face_and_points_that_stay_are_copied() {
+        for n in [64, 128] {
+            let (open, words) = (cases(n), open_words(n));
+            let chunk = prelight_store::Chunk::from_plain(&encode(n, &open));
+            let visibility = Visibility::from_chunk(&chunk).unwrap();
+            for (at, expected) in open.chunks_exact(words).enumerate() {
+                for faces in [63u8, 0, 1, 32, 0b10_0101] {
+                    let mut bits = vec![0x5555_5555_5555_5555; words];
+                    open_bits(&visibility.point(at), n, faces, &mut bits);
+                    for (face, (bits, expected)) in bits.chunks(words / 6).zip(expected.chunks(words / 6)).enumerate() {
+                        let is_asked = faces >> face & 1 == 1;
+                        assert!(if is_asked { bits == expected } else { bits.iter().all(|word| *word == 0x5555_5555_5555_5555) });
+                    }
+                }
+            }
+            let mut edited = open.clone();
+            edited[..words].fill(0xF0F0_F0F0_0F0F_0000);
+            edited[4 * words..5 * words].fill(0);
+            let own = |at: usize| [0, 4].contains(&at).then(|| &edited[at * words..(at + 1) * words]);
+            assert_eq!(encode_changed(&visibility, own), encode(n, &edited));
+            assert_eq!(encode_changed(&visibility, |_| None), encode(n, &open));
+        }
     }
 
     /// All hidden, all open, a half-space, a checkerboard in x (most transitions), noise, one texel, the last texel.

@@ -4,7 +4,7 @@
 //! In grayscale a bit says that something of the texel is open, and [`PatchParts`] which texels are not open whole.
 
 use super::parts::PatchParts;
-use crate::block_product::visibility::{encode, encode_gray};
+use crate::block_product::visibility::{encode, encode_gray, open_bits};
 use crate::plan::ObjectPlan;
 use crate::plan::Patch;
 use crate::plan::shaft::BOX_POINTS;
@@ -237,7 +237,8 @@ impl PatchBits {
 
 /// Open bits of a point of a chunk. Grayscale: a texel open in part counts as open, and in tiles its level is appended, by texel.
 fn unpack(point: &PointVisibility, n: usize, tiles: TileSet, open: &mut [u64], levels: Option<&mut Vec<(u32, u8)>>) {
-    point.to_open_bits(n, open);
+    let faces = faces(tiles).fold(0, |set, face| set | 1 << face);
+    open_bits(point, n, faces, open);
     let (Some(levels), Some(fractions)) = (levels, point.fractions) else { return };
     let order = row_major_from_hilbert(n);
     point.for_each_fraction(|position, base, correction| {

@@ -1,6 +1,8 @@
 //! Engines: who runs the shards. The store, never an engine, says what is done.
 
 pub mod bits;
+pub mod delta;
+pub mod light;
 pub mod object;
 pub mod parts;
 pub mod patch;

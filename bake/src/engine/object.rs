@@ -1,58 +1,37 @@
-//! Whole objects of an earlier bake, taken over without planning them again.
+//! What an earlier bake knows of an object: all of it, or which of its patches no edit has reached since.
 //!
 //! ```text
-//! object key   = H(versions, face resolution, shades of gray, knobs, transform, base mesh, materials, digests of their textures)
-//! record       chunks: base, mesh, per patch points, surface, visibility
-//!              data:   version u8, layers u8, counts 4 u32, key of the snapshot 32, then per patch:
-//!                      points u16, bounds of the origins 6 f32, reach f64, per layer open cells 6 u64
+//! object key   = H(versions, light key, base mesh, materials, digests of their textures, state of the light)
+//! record       chunks: base, mesh, per patch points, surface
+//!              data:   version u8, counts 4 u32
 //! ```
 //!
-//! The key covers all that an object's own points, mesh and surfaces come from; the record says what its bits and its buried points
-//! could depend on besides. The object is as it was if no piece that is new or gone since the record's [`Snapshot`]
-//!
-//! - reaches, from the origins of one of its patches, a cell that the layers before the piece's own left open, or
-//! - lies within the reach of the rays that told the patch's buried points.
-//!
-//! That is what keys of tiles ask too ([`super::patch`]), with the box of the patch in the place of its points: never less careful.
-//! Bits decide where edges at leaks are split, so with the bits all patches stand. Records are a cache: without them the bits are the same.
+//! An object is looked up by its light ([`super::light`]); where no patch of it was touched and a record of the object is there for the state
+//! of that light, it is taken over **whole**, without being planned. Otherwise its patches are taken over one by one, and the object's other
+//! chunks wherever no edge was split in another way. Records are a cache: without them the bits are the same.
 
+use super::light::{LightPatch, LightRecord};
 use crate::bake::BakeOptions;
 use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::key::Hasher;
 use crate::plan::patch::PATCH_ORDER;
-use crate::plan::shaft::{Bounds, Raster, reached_cells};
-use crate::plan::snapshot::{Snapshot, SnapshotPiece};
+use crate::plan::pieces::{Pieces, side};
+use crate::plan::shaft::Raster;
+use crate::plan::snapshot::{Changes, Snapshot};
 use crate::scene::Scene;
+use crate::scene::world::World;
 use crate::seal::base_chunk;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
 use prelight_manifests::quality::Shades;
 use prelight_manifests::{ChunkKind, Descriptor, Digest};
-use prelight_store::{MAX_RECORD_DATA, Record, Store};
+use prelight_store::{Chunk, ChunkSource, Record, Store, StoreError};
 use rayon::prelude::*;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
-const VERSION: u8 = 1;
-
-/// What a patch depends on beside its own object.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PatchReach {
-    /// Bounds of the ray origins.
-    pub origins: Bounds,
-    /// `[layers][faces]` cells that were open, to some point, before the layer.
-    pub open: Vec<[u64; 6]>,
-    /// Metres from the origins within which lies what told its buried points; below 0 where no point was asked.
-    pub buried: f64,
-}
-
-impl PatchReach {
-    fn is_touched_by(&self, piece: &SnapshotPiece, raster: Raster) -> bool {
-        let Some(open) = self.open.get(usize::from(piece.layer)) else { return true };
-        let blocks = |face: usize| open[face] != 0 && reached_cells(face, &piece.bounds, &self.origins, raster) & open[face] != 0;
-        piece.bounds.distance(&self.origins) <= self.buried || (0..6).any(blocks)
-    }
-}
+const VERSION: u8 = 2;
 
 /// Counts that a report gives of an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -67,116 +46,206 @@ pub struct ObjectCounts {
     pub live: u32,
 }
 
-/// A finished object, as it is recorded.
-pub struct ObjectRecord<'a> {
-    /// What the manifest says.
-    pub object: &'a AssetObject,
+/// Chunks of an object beside its visibility.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObjectChunks {
     /// What the report says.
     pub counts: ObjectCounts,
-    /// One per patch.
-    pub reaches: &'a [PatchReach],
+    /// The mesh as it was read.
+    pub base: Descriptor,
+    /// The refined mesh.
+    pub mesh: Descriptor,
+    /// `[patches]` points and surface.
+    pub patches: Vec<[Descriptor; 2]>,
 }
 
-impl ObjectRecord<'_> {
-    /// As a record of the ledger; `None` where it would be too long for one.
-    pub fn encode(&self, snapshot: &Digest) -> Option<Record> {
-        let layers = self.reaches.first().map_or(0, |reach| reach.open.len());
-        let mut data = vec![VERSION, layers as u8];
+impl ObjectChunks {
+    /// Of a finished object.
+    pub fn new(object: &AssetObject, counts: ObjectCounts) -> ObjectChunks {
+        let patches = object.patches.iter().map(|patch| [patch.points.clone(), patch.surface.clone()]).collect();
+        ObjectChunks { counts, base: object.base.clone(), mesh: object.mesh.clone(), patches }
+    }
+
+    /// As a record of the ledger.
+    pub fn encode(&self) -> Record {
         let ObjectCounts { triangles, buried, split, live } = self.counts;
+        let mut data = vec![VERSION];
         [triangles, buried, split, live].iter().for_each(|count| data.extend_from_slice(&count.to_le_bytes()));
-        data.extend_from_slice(&snapshot.0);
-        for (patch, reach) in self.object.patches.iter().zip(self.reaches) {
-            data.extend_from_slice(&(patch.n_points as u16).to_le_bytes());
-            data.extend_from_slice(&reach.origins.to_le_bytes());
-            data.extend_from_slice(&reach.buried.to_le_bytes());
-            reach.open.as_flattened().iter().for_each(|cells| data.extend_from_slice(&cells.to_le_bytes()));
+        let chunks = [&self.base, &self.mesh].into_iter().chain(self.patches.as_flattened()).cloned().collect();
+        Record { chunks, data }
+    }
+
+    /// From a record of the ledger; `None` where it is not one of an object of so many patches.
+    pub fn decode(record: Record, n_patches: usize) -> Option<ObjectChunks> {
+        let (&version, counts) = record.data.split_first()?;
+        let counts: &[u8; 16] = counts.try_into().ok()?;
+        let count = |k: usize| u32::from_le_bytes(std::array::from_fn(|i| counts[4 * k + i]));
+        let counts = ObjectCounts { triangles: count(0), buried: count(1), split: count(2), live: count(3) };
+        let [base, mesh, rest @ ..] = &record.chunks[..] else { return None };
+        let (patches, tail) = rest.as_chunks::<2>();
+        let kinds = |patch: &[Descriptor; 2]| patch[0].kind == ChunkKind::Points && patch[1].kind == ChunkKind::Surface;
+        let fits = version == VERSION && base.kind == ChunkKind::Base && mesh.kind == ChunkKind::Mesh && patches.iter().all(kinds);
+        let whole = fits && tail.is_empty() && patches.len() == n_patches;
+        whole.then(|| ObjectChunks { counts, base: base.clone(), mesh: mesh.clone(), patches: patches.to_vec() })
+    }
+
+    /// The object's part of the manifest.
+    pub fn object(&self, scene: &Scene, options: &BakeOptions, object: usize, light: &LightRecord) -> AssetObject {
+        let source = &scene.objects[object];
+        let patches: Vec<AssetPatch> = (light.patches.iter().zip(&self.patches))
+            .map(|(light, [points, surface])| AssetPatch {
+                n_points: light.n_points,
+                points: points.clone(),
+                surface: surface.clone(),
+                visibility: light.visibility.clone(),
+                transfer: None,
+            })
+            .collect();
+        AssetObject {
+            name: source.name.clone(),
+            technique: "block_product".to_string(),
+            n_points: patches.iter().map(|patch| patch.n_points).sum(),
+            n_triangles: self.counts.triangles,
+            base: self.base.clone(),
+            world_from_local: source.world_from_local,
+            edge_length: options.points[object].edge_length,
+            mesh: self.mesh.clone(),
+            patches,
         }
-        let patches = self.object.patches.iter().flat_map(|patch| [&patch.points, &patch.surface, &patch.visibility]);
-        let chunks = [&self.object.base, &self.object.mesh].into_iter().chain(patches).cloned().collect();
-        (data.len() <= MAX_RECORD_DATA).then_some(Record { chunks, data })
     }
 }
 
-/// A record, read.
-struct Parsed {
-    counts: ObjectCounts,
-    snapshot: Digest,
-    base: Descriptor,
-    mesh: Descriptor,
-    patches: Vec<AssetPatch>,
-    reaches: Vec<PatchReach>,
+/// Where records of an object are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ObjectKey {
+    /// Its light.
+    pub light: Digest,
+    /// All that its other chunks come from, but for the light.
+    whole: Digest,
 }
 
-/// `None` where it is no record of an object.
-fn parse(record: Record) -> Option<Parsed> {
-    let (&[version, layers], rest) = record.data.split_first_chunk::<2>()?;
-    let (counts, rest) = rest.split_first_chunk::<16>()?;
-    let (snapshot, rest) = rest.split_first_chunk::<32>()?;
-    let patch_bytes = 2 + 24 + 8 + 48 * usize::from(layers);
-    let mut chunks = record.chunks.into_iter();
-    let (base, mesh) = (chunks.next()?, chunks.next()?);
-    let fits = version == VERSION && rest.len() % patch_bytes == 0 && chunks.len() == rest.len() / patch_bytes * 3;
-    if !fits || base.kind != ChunkKind::Base || mesh.kind != ChunkKind::Mesh {
-        return None;
+impl ObjectKey {
+    /// Where its chunks are found, given the state of its light.
+    pub fn chunks(&self, state: &Digest) -> Digest {
+        let mut hasher = Hasher::new("prelight object chunks");
+        hasher.bytes(&self.whole.0);
+        hasher.bytes(&state.0);
+        hasher.finish()
     }
-    let (mut patches, mut reaches) = (Vec::new(), Vec::new());
-    for bytes in rest.chunks_exact(patch_bytes) {
-        let (n_points, bytes) = bytes.split_first_chunk::<2>()?;
-        let (origins, bytes) = bytes.split_first_chunk::<24>()?;
-        let (buried, open) = bytes.split_first_chunk::<8>()?;
-        let open = open.as_chunks::<48>().0.iter();
-        let cells = |bytes: &[u8; 48]| std::array::from_fn(|face| u64::from_le_bytes(std::array::from_fn(|i| bytes[8 * face + i])));
-        reaches.push(PatchReach {
-            origins: Bounds::from_le_bytes(origins),
-            open: open.map(cells).collect(),
-            buried: f64::from_le_bytes(*buried),
-        });
-        let (points, surface, visibility) = (chunks.next()?, chunks.next()?, chunks.next()?);
-        let kinds = [points.kind, surface.kind, visibility.kind];
-        let n_points = u32::from(u16::from_le_bytes(*n_points));
-        if kinds != [ChunkKind::Points, ChunkKind::Surface, ChunkKind::Visibility] || !(1..=256).contains(&n_points) {
-            return None;
-        }
-        patches.push(AssetPatch { n_points, points, surface, visibility, transfer: None });
+}
+
+/// An object of which an earlier bake knows the patches.
+pub struct KnownLight {
+    /// As they were found.
+    pub light: LightRecord,
+    /// `[patches]` whether a patch may not be as it was.
+    pub touched: Vec<bool>,
+    /// `[patches]` their visibility; filled by [`KnownLight::load`].
+    pub visibility: Vec<Chunk>,
+    /// What was done to the scene since.
+    pub changes: Arc<Changes>,
+    /// Its other chunks as they were, if the object is what it was.
+    pub chunks: Option<ObjectChunks>,
+}
+
+impl KnownLight {
+    /// Reads the patches' chunks.
+    ///
+    /// # Errors
+    /// What the store says. A damaged chunk is set aside: without this record, its patch is traced again.
+    pub fn load(&mut self, store: &Store) -> Result<(), StoreError> {
+        self.visibility = self.light.patches.par_iter().map(|patch| store.chunk(&patch.visibility)).collect::<Result<_, _>>()?;
+        Ok(())
     }
-    let count = |k: usize| u32::from_le_bytes(std::array::from_fn(|i| counts[4 * k + i]));
-    let counts = ObjectCounts { triangles: count(0), buried: count(1), split: count(2), live: count(3) };
-    Some(Parsed { counts, snapshot: Digest(*snapshot), base, mesh, patches, reaches })
+
+    /// A patch, by its index.
+    pub fn patch(&self, index: usize) -> Option<KnownPatch<'_>> {
+        let (light, chunk) = (self.light.patches.get(index)?, self.visibility.get(index)?);
+        Some(KnownPatch { light, chunk, changes: self.touched[index].then_some(&self.changes) })
+    }
 }
 
-/// An object that needs no work.
-pub struct KnownObject {
-    /// What the manifest says.
-    pub object: AssetObject,
-    /// What the report says.
-    pub counts: ObjectCounts,
+/// A patch as an earlier bake found it.
+#[derive(Clone, Copy)]
+pub struct KnownPatch<'a> {
+    /// What it saw.
+    pub light: &'a LightPatch,
+    /// The same, read.
+    pub chunk: &'a Chunk,
+    /// What was done to the scene since, if that may have touched it.
+    pub changes: Option<&'a Changes>,
 }
 
-/// `[objects]` keys of those that are `wanted`; the others get zeros.
-pub fn object_keys(scene: &Scene, options: &BakeOptions, wanted: &(dyn Fn(usize) -> bool + Sync)) -> Vec<Digest> {
+/// What an earlier bake knows of an object.
+pub enum Known {
+    /// Nothing.
+    Nothing,
+    /// All of it: the part of the manifest, and what the report says.
+    Whole(Box<AssetObject>, ObjectCounts),
+    /// What its patches saw.
+    Light(Box<KnownLight>),
+}
+
+/// `[objects]` keys of those that are `wanted`; `None` for the others.
+pub fn object_keys(
+    scene: &Scene,
+    world: &World,
+    pieces: &Pieces,
+    options: &BakeOptions,
+    wanted: &(dyn Fn(usize) -> bool + Sync),
+) -> Vec<Option<ObjectKey>> {
     let objects = || (0..scene.objects.len()).filter(|object| wanted(*object));
     let primitives = objects().flat_map(|object| &scene.objects[object].mesh.primitives);
     let materials = primitives.filter_map(|primitive| scene.materials.get(primitive.material as usize));
     let used: BTreeSet<u32> = materials.flat_map(|material| material.textures()).map(|reference| reference.texture).collect();
     let digest = |texture: u32| Some((texture, *blake3::hash(&scene.textures.get(texture as usize)?.to_chunk()).as_bytes()));
     let textures: BTreeMap<u32, [u8; 32]> = used.into_par_iter().filter_map(digest).collect();
-    let key = |object: usize| if wanted(object) { object_key(scene, options, object, &textures) } else { Digest([0; 32]) };
-    (0..scene.objects.len()).into_par_iter().map(key).collect()
+    let key = |object: usize| {
+        let mesh = base_chunk(&scene.objects[object].mesh);
+        let light = light_key(scene, world, pieces, options, object);
+        ObjectKey { light, whole: whole_key(scene, object, &light, &mesh, &textures) }
+    };
+    (0..scene.objects.len()).into_par_iter().map(|object| wanted(object).then(|| key(object))).collect()
 }
 
-fn object_key(scene: &Scene, options: &BakeOptions, object: usize, textures: &BTreeMap<u32, [u8; 32]>) -> Digest {
+/// Covers what points come from, and what blocks them: nothing of a material but its opacity, its sides, and what cuts vertices.
+fn light_key(scene: &Scene, world: &World, pieces: &Pieces, options: &BakeOptions, object: usize) -> Digest {
     // Named one by one: a new knob must find its way into the key.
     let PointParams { edge_length, normal_angle_deg, area_floor, max_level, coarser, max_triangles } = options.points[object];
     let source = &scene.objects[object];
-    let mut hasher = Hasher::new("prelight object");
+    let mut hasher = Hasher::new("prelight object light");
     let shades = options.visibility.steps().unwrap_or(0);
     hasher.words(&[options.face_resolution, shades, max_level, max_triangles, u32::from(coarser), PATCH_ORDER]);
     hasher.floats(&[edge_length, normal_angle_deg, area_floor]);
     source.world_from_local.iter().for_each(|value| hasher.bytes(&value.to_le_bytes()));
-    let base = base_chunk(&source.mesh);
-    hasher.bytes(&(base.len() as u64).to_le_bytes());
-    hasher.bytes(&base);
-    for primitive in &source.mesh.primitives {
+    // Materials by the order in which they come: which primitives share one, not which one it is.
+    let mut ranks: Vec<u32> = Vec::new();
+    let mut mesh = (*source.mesh).clone();
+    for primitive in &mut mesh.primitives {
+        let material = scene.materials.get(primitive.material as usize);
+        let (sides, set) = material.map_or((0, None), |material| (1 + u32::from(material.double_sided), material.tangent_uv_set()));
+        let rank = ranks.iter().position(|known| *known == primitive.material).unwrap_or(ranks.len());
+        if rank == ranks.len() {
+            ranks.push(primitive.material);
+        }
+        primitive.material = rank as u32;
+        hasher.words(&[sides, set.map_or(0, |set| 1 + set)]);
+    }
+    let mesh = base_chunk(&mesh);
+    hasher.bytes(&(mesh.len() as u64).to_le_bytes());
+    hasher.bytes(&mesh);
+    for id in world.object_start[object]..world.object_start[object + 1] {
+        hasher.bytes(pieces.triangle(id));
+        hasher.bytes(&[side(scene, world, id)]);
+    }
+    hasher.finish()
+}
+
+fn whole_key(scene: &Scene, object: usize, light: &Digest, mesh: &[u8], textures: &BTreeMap<u32, [u8; 32]>) -> Digest {
+    let mut hasher = Hasher::new("prelight object");
+    hasher.bytes(&light.0);
+    hasher.bytes(mesh);
+    for primitive in &scene.objects[object].mesh.primitives {
         let material = scene.materials.get(primitive.material as usize);
         let json = serde_json::to_vec(&material).expect("materials have string keys and finite numbers");
         hasher.bytes(&(json.len() as u64).to_le_bytes());
@@ -188,56 +257,61 @@ fn object_key(scene: &Scene, options: &BakeOptions, object: usize, textures: &BT
     hasher.finish()
 }
 
-/// `[objects]` those of an earlier bake that nothing has touched since, by their keys; only those that are `wanted`.
+/// What shafts need to know of a bake.
+pub fn raster(options: &BakeOptions) -> Raster {
+    Raster { face_resolution: options.face_resolution as usize, in_part: options.visibility != Shades::Binary }
+}
+
+/// `[objects]` what earlier bakes know of those that have a key and are `wanted`.
 ///
 /// # Errors
 /// What the store says.
 pub fn known_objects(
     scene: &Scene,
     options: &BakeOptions,
-    keys: &[Digest],
+    keys: &[Option<ObjectKey>],
     now: &Snapshot,
     store: &Store,
-    wanted: &(dyn Fn(usize) -> bool + Sync),
-) -> Result<Vec<Option<KnownObject>>, BakeError> {
-    let mut snapshots: BTreeMap<Digest, Option<Vec<SnapshotPiece>>> = BTreeMap::new();
-    let raster = Raster { face_resolution: options.face_resolution as usize, in_part: options.visibility != Shades::Binary };
-    let mut find = |object: usize| -> Result<Option<KnownObject>, BakeError> {
-        for record in store.lookup_all(&keys[object])? {
-            let Some(parsed) = parse(record) else { continue };
-            let changes = match snapshots.entry(parsed.snapshot) {
+    wanted: &dyn Fn(usize) -> bool,
+) -> Result<Vec<Known>, BakeError> {
+    let mut snapshots: BTreeMap<Digest, Option<Arc<Changes>>> = BTreeMap::new();
+    let raster = raster(options);
+    let mut find = |object: usize, key: &ObjectKey| -> Result<Known, BakeError> {
+        let mut best: Option<KnownLight> = None;
+        for record in store.lookup_all(&key.light)? {
+            let Some((snapshot, light)) = LightRecord::decode(record) else { continue };
+            let changes = match snapshots.entry(snapshot) {
                 Entry::Occupied(changes) => changes.into_mut(),
                 Entry::Vacant(missing) => {
-                    let records = store.lookup_all(&parsed.snapshot)?;
-                    let then =
-                        records.iter().find_map(|record| Snapshot::decode(&record.data).filter(|then| then.key() == parsed.snapshot));
-                    missing.insert(then.map(|then| then.changes(now)))
+                    let records = store.lookup_all(&snapshot)?;
+                    let then = records.iter().find_map(|record| Snapshot::decode(&record.data).filter(|then| then.key() == snapshot));
+                    missing.insert(then.map(|then| Arc::new(then.changes(now))))
                 }
             };
-            let Some(changes) = changes else { continue };
-            let touched = |reach: &PatchReach| changes.iter().any(|piece| reach.is_touched_by(piece, raster));
-            if !parsed.reaches.par_iter().any(touched) {
-                return Ok(Some(known(scene, options, object, parsed)));
+            let Some(changes) = changes.clone() else { continue };
+            let touched: Vec<bool> = light.patches.par_iter().map(|patch| patch.reach.is_touched(&changes, raster)).collect();
+            let count = |touched: &[bool]| touched.iter().filter(|touched| **touched).count();
+            if best.as_ref().is_none_or(|best| count(&touched) < count(&best.touched)) {
+                best = Some(KnownLight { light, touched, visibility: Vec::new(), changes, chunks: None });
             }
         }
-        Ok(None)
+        let Some(mut best) = best else { return Ok(Known::Nothing) };
+        let n_patches = best.light.patches.len();
+        let records = store.lookup_all(&key.chunks(&best.light.state()))?;
+        best.chunks = records.into_iter().find_map(|record| ObjectChunks::decode(record, n_patches));
+        let is_touched = best.touched.contains(&true);
+        if is_touched && options.points[object].coarser {
+            // Which points a coarser bake has hangs on more than its edges.
+            return Ok(Known::Nothing);
+        }
+        Ok(match &best.chunks {
+            Some(chunks) if !is_touched => Known::Whole(Box::new(chunks.object(scene, options, object, &best.light)), chunks.counts),
+            _ => Known::Light(Box::new(best)),
+        })
     };
-    (0..scene.objects.len()).map(|object| if wanted(object) { find(object) } else { Ok(None) }).collect()
-}
-
-fn known(scene: &Scene, options: &BakeOptions, object: usize, parsed: Parsed) -> KnownObject {
-    let source = &scene.objects[object];
-    let Parsed { counts, base, mesh, patches, .. } = parsed;
-    let object = AssetObject {
-        name: source.name.clone(),
-        technique: "block_product".to_string(),
-        n_points: patches.iter().map(|patch| patch.n_points).sum(),
-        n_triangles: counts.triangles,
-        base,
-        world_from_local: source.world_from_local,
-        edge_length: options.points[object].edge_length,
-        mesh,
-        patches,
-    };
-    KnownObject { object, counts }
+    let known = keys.iter().enumerate().map(|(object, key)| match key {
+        Some(key) if wanted(object) => find(object, key),
+        _ => Ok(Known::Nothing),
+    });
+    known.collect()
 }

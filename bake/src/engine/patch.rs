@@ -40,7 +40,7 @@ pub struct Shadowing<'a> {
 
 impl Shadowing<'_> {
     /// What shafts need to know of the tracer.
-    fn raster(&self) -> Raster {
+    pub fn raster(&self) -> Raster {
         Raster { face_resolution: self.face_resolution as usize, in_part: self.shades != Shades::Binary }
     }
 }

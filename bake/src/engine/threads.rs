@@ -5,7 +5,9 @@
 //! beside the workers publishes, because that waits for the disk.
 
 use super::bits::PatchBits;
-use super::object::PatchReach;
+use super::delta::{Before, Delta};
+use super::light::PatchReach;
+use super::object::KnownPatch;
 use super::patch::{Candidate, PatchInputs, Resolution, Resolved, Shadowing, false_hit, resolve};
 use crate::bake::commit;
 use crate::error::BakeError;
@@ -20,6 +22,9 @@ use prelight_store::{Chunk, ChunkSource, Record, ShardWriter, Store};
 use rayon::prelude::*;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
+/// Pieces that an edit may have touched a patch with, up to which its points are asked one by one where.
+const MAX_TOUCHES: usize = 1024;
+
 /// Patches of a shard at most.
 const SHARD_PATCHES: usize = 32;
 
@@ -32,6 +37,8 @@ pub struct PatchTask<'a> {
     pub edge_length: f32,
     /// The patch.
     pub patch: &'a Patch,
+    /// What an earlier bake found.
+    pub known: Option<KnownPatch<'a>>,
 }
 
 /// What came of a patch.
@@ -118,14 +125,70 @@ impl Tracer<'_> {
         check(self.progress)?;
         let mut writer = self.store.writer();
         let mut results = Vec::with_capacity(tasks.len());
-        let mut bits = PatchBits::default();
+        let (mut bits, mut delta) = (PatchBits::default(), Delta::default());
         for task in tasks {
-            results.push(self.patch(task, &mut writer, &mut bits)?);
+            let taken = task.known.as_ref().map(|known| self.take(task, known, &mut writer, &mut delta)).transpose()?.flatten();
+            results.push(match taken {
+                Some(result) => result,
+                None => self.patch(task, &mut writer, &mut bits)?,
+            });
             self.progress.advance(u64::from(task.patch.n_points));
         }
         // A publisher that is gone says why itself.
         publish.send(writer).map_err(|_| BakeError::Cancelled)?;
         Ok(results)
+    }
+
+    /// Takes over a patch that an earlier bake found, and traces again what an edit may have changed of it. `None` where that cannot be told
+    /// from the record.
+    fn take(
+        &self,
+        task: &PatchTask,
+        known: &KnownPatch,
+        writer: &mut ShardWriter,
+        delta: &mut Delta,
+    ) -> Result<Option<PatchResult>, BakeError> {
+        let light = known.light;
+        let taken = PatchResult {
+            visibility: light.visibility.clone(),
+            chunk: known.chunk.clone(),
+            buried: light.buried.clone(),
+            reach: light.reach.clone(),
+            is_new: false,
+            live: light.reach.live(),
+            redone: 0,
+            changed: 0,
+        };
+        let Some(changes) = known.changes else { return Ok(Some(taken)) };
+        let raster = self.shadowing.raster();
+        let touches = light.reach.touches(changes, raster);
+        if raster.in_part || touches.len() > MAX_TOUCHES {
+            return Ok(None);
+        }
+        let (mut visibility, mut chunk, mut is_reseen) = (taken.visibility, taken.chunk, false);
+        let (mut redone, mut changed) = (0, 0);
+        if !touches.is_empty() {
+            let before = Visibility::from_chunk(known.chunk)?;
+            let what = Before { visibility: &before, reach: &light.reach, touches: &touches };
+            let retraced = delta.retrace(self.shadowing.occluders, task.plan, task.patch, what);
+            (redone, changed) = (retraced.redone, retraced.changed);
+            if changed != 0 {
+                let bytes = delta.encode(&before);
+                let shape = vec![u64::from(task.patch.n_points)];
+                visibility = writer.put(ChunkKind::Visibility, Dtype::U8, shape, &bytes)?;
+                chunk = Chunk::from_plain(&bytes);
+                let now = Visibility::from_chunk(&chunk)?;
+                is_reseen = (0..before.len()).any(|i| before.point(i).is_blind() != now.point(i).is_blind());
+            }
+        }
+        let is_asked = changes.gone.iter().chain(&changes.new).any(|piece| light.reach.asks_about(piece));
+        let (mut buried, mut buried_reach) = (taken.buried, light.reach.buried);
+        if is_reseen || is_asked {
+            let inputs = PatchInputs::new(&self.shadowing, task.plan, task.patch);
+            (buried, buried_reach) = self.buried(task, &inputs, &chunk, writer)?;
+        }
+        let reach = light.reach.after(changes, buried_reach, raster);
+        Ok(Some(PatchResult { visibility, chunk, buried, reach, is_new: false, live: taken.live, redone, changed }))
     }
 
     fn patch(&self, task: &PatchTask, writer: &mut ShardWriter, bits: &mut PatchBits) -> Result<PatchResult, BakeError> {

@@ -130,6 +130,14 @@ impl Raster {
 /// Cells of a face in which something of `occluders` may cover a texel for some origin in `origins`.
 #[inline]
 pub fn reached_cells(face: usize, occluders: &Bounds, origins: &Bounds, raster: Raster) -> u64 {
+    let cell = (raster.face_resolution / CELLS).trailing_zeros();
+    reached_texels(face, occluders, origins, raster)
+        .map_or(0, |[x, y]| cell_rectangle([x[0] >> cell, x[1] >> cell], [y[0] >> cell, y[1] >> cell]))
+}
+
+/// First and last column and row of a face in which something of `occluders` may cover a texel for some origin in `origins`.
+#[inline]
+pub fn reached_texels(face: usize, occluders: &Bounds, origins: &Bounds, raster: Raster) -> Option<[[u32; 2]; 2]> {
     let (face_resolution, pad) = (raster.face_resolution, raster.pad());
     let (main, u, v, sign) = face_axes(face);
     let low = |axis: usize| occluders.lower[axis] - origins.upper[axis];
@@ -138,7 +146,7 @@ pub fn reached_cells(face: usize, occluders: &Bounds, origins: &Bounds, raster: 
     // As the predicate: what is not ahead covers nothing.
     let ahead = far > NEAR;
     if !ahead {
-        return 0;
+        return None;
     }
     let half = (face_resolution / 2) as f32;
     let r = [half / near.max(NEAR), half / far];
@@ -151,18 +159,14 @@ pub fn reached_cells(face: usize, occluders: &Bounds, origins: &Bounds, raster: 
     };
     let ((x0, x1), (y0, y1)) = (texels(u), texels(v));
     if !(x0 <= last && x1 >= 0.0 && y0 <= last && y1 >= 0.0) {
-        return 0;
+        return None;
     }
     let up = |x: f32| {
         let whole = x as u32;
         whole + u32::from((whole as f32) < x)
     };
     let (x0, x1, y0, y1) = (up(x0), x1 as u32, up(y0), y1 as u32);
-    if x0 > x1 || y0 > y1 {
-        return 0;
-    }
-    let cell = (face_resolution / CELLS).trailing_zeros();
-    cell_rectangle([x0 >> cell, x1 >> cell], [y0 >> cell, y1 >> cell])
+    (x0 <= x1 && y0 <= y1).then_some([[x0, x1], [y0, y1]])
 }
 
 /// [`reached_cells`] of every origin of a box by itself, together: the same operations, lane by lane.

@@ -79,27 +79,37 @@ impl Snapshot {
         hasher.finish()
     }
 
-    /// Pieces that only one of two scenes has, as often as the other lacks them.
-    pub fn changes(&self, other: &Snapshot) -> Vec<SnapshotPiece> {
-        let (mut ours, mut theirs) = (self.pieces.iter().peekable(), other.pieces.iter().peekable());
-        let mut changes = Vec::new();
+    /// Pieces that only one of two scenes has, as often as the other lacks them: what is gone since this one, and what `now` has instead.
+    pub fn changes(&self, now: &Snapshot) -> Changes {
+        let (mut ours, mut theirs) = (self.pieces.iter().peekable(), now.pieces.iter().peekable());
+        let mut changes = Changes::default();
         loop {
-            let only = match (ours.peek(), theirs.peek()) {
+            match (ours.peek(), theirs.peek()) {
                 (Some(a), Some(b)) if a.order() == b.order() => {
                     ours.next();
                     theirs.next();
-                    continue;
                 }
-                (Some(a), Some(b)) if a.order() < b.order() => ours.next(),
-                (_, Some(_)) => theirs.next(),
-                (_, None) => ours.next(),
-            };
-            match only {
-                Some(piece) => changes.push(*piece),
-                None => return changes,
+                (Some(a), b) if b.is_none_or(|b| a.order() < b.order()) => {
+                    changes.gone.push(**a);
+                    ours.next();
+                }
+                (_, Some(b)) => {
+                    changes.new.push(**b);
+                    theirs.next();
+                }
+                (_, None) => return changes,
             }
         }
     }
+}
+
+/// How what blocks light differs between two bakes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Changes {
+    /// What only the earlier one had.
+    pub gone: Vec<SnapshotPiece>,
+    /// What only the later one has.
+    pub new: Vec<SnapshotPiece>,
 }
 
 impl SnapshotPiece {
@@ -121,11 +131,11 @@ mod tests {
     fn changes_are_what_one_side_has_more_of() {
         let old = Snapshot { pieces: vec![piece(0, 1), piece(0, 2), piece(0, 2), piece(1, 5)] };
         let new = Snapshot { pieces: vec![piece(0, 1), piece(0, 2), piece(1, 4), piece(2, 5)] };
-        let expected = [piece(0, 2), piece(1, 4), piece(1, 5), piece(2, 5)];
-        assert_eq!(old.changes(&new), expected);
-        assert_eq!(new.changes(&old), expected);
-        assert_eq!(old.changes(&old), []);
-        assert_eq!(Snapshot::default().changes(&new), new.pieces);
+        let (gone, made) = (vec![piece(0, 2), piece(1, 5)], vec![piece(1, 4), piece(2, 5)]);
+        assert_eq!(old.changes(&new), Changes { gone: gone.clone(), new: made.clone() });
+        assert_eq!(new.changes(&old), Changes { gone: made, new: gone });
+        assert_eq!(old.changes(&old), Changes::default());
+        assert_eq!(Snapshot::default().changes(&new), Changes { gone: Vec::new(), new: new.pieces.clone() });
         assert_eq!(Snapshot::decode(&old.encode()), Some(old.clone()));
         assert_ne!(old.key(), new.key());
         assert_eq!(Snapshot::decode(&old.encode()[..60]), None);

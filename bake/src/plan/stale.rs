@@ -1,14 +1,19 @@
 //! What a bake would trace, without tracing: the patches of every object as far as planning alone knows them, looked up in a store.
 //!
-//! Exact for the first layer that misses a tile; what later layers would find is not needed to say that the tile is stale. Patches that
-//! refinement at leaks would add are not counted: whether they change is known only once their neighbours are traced.
+//! Objects that an earlier bake knows are asked by what their patches saw ([`crate::engine::light`]): a tile is stale where a piece that is
+//! new or gone reaches one of its open cells. That is at most what a bake traces again. Of others the keys of tiles are looked up: exact for
+//! the first layer that misses a tile; what later layers would find is not needed to say that the tile is stale. Patches that refinement at
+//! leaks would add to those are not counted: whether they change is known only once their neighbours are traced.
 
 use super::changes::StalePatch;
 use super::layer::{MAX_LAYERS, layers};
 use super::pieces::Pieces;
 use super::plan_object;
-use super::tile::{N_TILES, TileTable};
+use super::shaft::Bounds;
+use super::snapshot::Snapshot;
+use super::tile::{N_TILES, TileSet, TileTable};
 use crate::bake::BakeOptions;
+use crate::engine::object::{Known, known_objects, object_keys, raster};
 use crate::engine::patch::{PatchInputs, Shadowing, stale_tiles};
 use crate::engine::threads::candidates;
 use crate::error::BakeError;
@@ -34,13 +39,45 @@ pub struct Stale {
     pub stale: Vec<StalePatch>,
 }
 
+impl Stale {
+    /// Counts a patch.
+    fn add(&mut self, object: usize, (origins, n_points): (Bounds, u32), live: TileSet, tiles: TileSet, is_new: bool) {
+        self.patches += 1;
+        self.live += u64::from(live.count_ones());
+        self.tiles += u64::from(tiles.count_ones());
+        self.points += f64::from(n_points) * f64::from(tiles.count_ones()) / f64::from(live.count_ones().max(1));
+        if tiles != 0 || is_new {
+            self.stale.push(StalePatch { object: object as u32, origins, tiles, is_new });
+        }
+    }
+}
+
 /// Looks all patches up. Objects that the options leave out are not looked at.
 pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &Store, progress: &dyn Progress) -> Result<Stale, BakeError> {
     let pieces = Pieces::build(scene, world, &layers(scene, world, &options.rebake.layers), MAX_LAYERS);
     let nothing = Occluders::default();
     let of = Shadowing { pieces: &pieces, occluders: &nothing, face_resolution: options.face_resolution, shades: options.visibility };
+    let wanted = |object: usize| options.rebake.wants(object);
+    let keys = object_keys(scene, world, &pieces, options, &wanted);
+    let is_direct = |object: usize| options.transfer_of(object as u32).is_none();
+    let known = known_objects(scene, options, &keys, &Snapshot::new(&pieces), store, &is_direct)?;
+    let raster = raster(options);
     let of_object = |object: usize| -> Result<Stale, BakeError> {
         check(progress)?;
+        match &known[object] {
+            Known::Nothing => {}
+            Known::Whole(made, counts) => {
+                return Ok(Stale { patches: made.patches.len() as u64, live: u64::from(counts.live), ..Stale::default() });
+            }
+            Known::Light(known) => {
+                let mut found = Stale::default();
+                for (patch, touched) in known.light.patches.iter().zip(&known.touched) {
+                    let tiles = if *touched { patch.reach.stale(&known.changes, raster) } else { 0 };
+                    found.add(object, (patch.reach.origins, patch.n_points), patch.reach.live(), tiles, false);
+                }
+                return Ok(found);
+            }
+        }
         let plan = plan_object(scene, world, object, &options.points[object])?;
         let mut found = Stale::default();
         for patch in &plan.patches {
@@ -49,18 +86,12 @@ pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &S
             let (live, missed) = stale_tiles(&of, &inputs, &tables);
             let is_new = tables.is_empty();
             let tiles = if is_new { live } else { missed };
-            found.patches += 1;
-            found.live += u64::from(live.count_ones());
-            found.tiles += u64::from(tiles.count_ones());
-            found.points += f64::from(patch.n_points) * f64::from(tiles.count_ones()) / f64::from(live.count_ones().max(1));
-            if tiles != 0 || is_new {
-                found.stale.push(StalePatch { object: object as u32, origins: inputs.origins.patch, tiles, is_new });
-            }
+            found.add(object, (inputs.origins.patch, patch.n_points), live, tiles, is_new);
         }
         Ok(found)
     };
-    let wanted = (0..scene.objects.len()).into_par_iter().filter(|object| options.rebake.wants(*object));
-    let objects: Vec<Stale> = wanted.map(of_object).collect::<Result<_, _>>()?;
+    let objects = (0..scene.objects.len()).into_par_iter().filter(|object| wanted(*object));
+    let objects: Vec<Stale> = objects.map(of_object).collect::<Result<_, _>>()?;
     let mut all = Stale::default();
     for object in objects {
         all.patches += object.patches;

@@ -160,6 +160,48 @@ impl Occluders {
         (0..self.trees.len()).for_each(|layer| self.close_covered_by(layer, 0..6, from, face_resolution, scratch, open));
     }
 
+    /// [`Occluders::close_covered`] on some of the faces: for few open texels, of which each face is set up once for all layers.
+    ///
+    /// # Panics
+    /// As `close_covered`.
+    pub fn close_covered_on(
+        &self,
+        faces: impl Iterator<Item = usize>,
+        from: &TraceOrigin,
+        face_resolution: usize,
+        scratch: &mut Scratch,
+        open: &mut [u64],
+    ) {
+        let (n, words) = (face_resolution, face_resolution / 64);
+        assert!(n.is_power_of_two() && n >= 64, "face resolution {n} is not a power of two from 64 up");
+        assert_eq!(open.len(), 6 * n * words, "one bit a texel");
+        let Scratch { stack, excluded, window } = scratch;
+        for face in faces {
+            for (wy, wx) in (0..words).flat_map(|y| (0..words).map(move |x| (y, x))) {
+                let at = |y: usize| (face * n + wy * 64 + y) * words + wx;
+                for y in 0..64 {
+                    window.rows[y] = open[at(y)];
+                }
+                window.refresh();
+                if window.any == 0 {
+                    continue;
+                }
+                let view = View::new(from.origin, n, face, [wx * 64, wy * 64]);
+                for tree in self.trees.iter().filter(|tree| tree.root != EMPTY) {
+                    stack.reserve(tree.stack_size);
+                    excluded.set(tree, from.base_triangles);
+                    self.cover(coverage::Scene { tree, masks: &self.masks, excluded }, &view, window, stack);
+                    if window.any == 0 {
+                        break;
+                    }
+                }
+                for y in 0..64 {
+                    open[at(y)] = window.rows[y];
+                }
+            }
+        }
+    }
+
     /// [`Occluders::close_covered`] by the occluders of one layer alone, on some of the faces.
     ///
     /// # Panics
