@@ -105,7 +105,7 @@ fn every_flipped_bit_and_every_cut_is_found_before_a_wrong_byte_is_used_and_mend
         let bytes = std::fs::read(victim).expect("a file can be read");
         let at = random(&mut state) as usize % bytes.len();
         let mut bad = bytes.clone();
-        let cuts = random(&mut state) % 4 == 0;
+        let cuts = random(&mut state).is_multiple_of(4);
         if cuts {
             bad.truncate(at)
         } else {
