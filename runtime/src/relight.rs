@@ -35,6 +35,7 @@ use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use crate::surface::detail::{Detail, fill_details, has_detail, point_lobe};
 use crate::surface::{AlphaMode, Material, Model};
 use crate::vmf_transfer::FilteredLight;
+use crate::vmf_transfer::pixel::{EyeLobes, PixelLobes};
 use crate::vmf_transfer::shade::{add_glossy, add_irradiance};
 
 /// Buffers for the light at every point of an asset.
@@ -49,6 +50,8 @@ pub struct Relighter<'a> {
     glossy: Vec<Glossy>,
     /// `[points]` radiance of a whole clear coat; empty while no material has one.
     coat: Vec<[f32; 3]>,
+    /// `[points]` lobes toward the eye; empty without transfer.
+    lobes: Vec<EyeLobes>,
     surfaces: Surfaces<'a>,
     accuracy: Accuracy,
     /// What [`Relighter::change_light`] compares with.
@@ -134,6 +137,8 @@ struct Work<'a> {
     glossy: &'a mut [Glossy],
     /// Empty while no material has a clear coat.
     coat: &'a mut [[f32; 3]],
+    /// Empty without transfer.
+    lobes: &'a mut [EyeLobes],
 }
 
 impl Work<'_> {
@@ -151,10 +156,12 @@ impl Work<'_> {
         let (irradiance, later_irradiance) = self.irradiance.split_at_mut(points);
         let (glossy, later_glossy) = self.glossy.split_at_mut(points);
         let (coat, later_coat) = self.coat.split_at_mut(points.min(self.coat.len()));
+        let (lobes, later_lobes) = self.lobes.split_at_mut(points.min(self.lobes.len()));
         let Work { light, indirect, surfaces, accuracy, eye, wanted, .. } = self;
-        let first = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat };
+        let first = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat, lobes };
         let (patches, is_lit, irradiance, glossy, coat) = (later_patches, later_is_lit, later_irradiance, later_glossy, later_coat);
-        let later = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat };
+        let lobes = later_lobes;
+        let later = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat, lobes };
         let (a, b) = join(|| first.run(), || later.run());
         a + b
     }
@@ -181,7 +188,16 @@ impl Work<'_> {
             let lobe = |i: usize| surfaces.lobe(&averages, i, first + i);
             shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, self.eye, &mut self.glossy[range.clone()]);
             if let Some(((solid, light), transfer)) = &transfer {
-                add_glossy(light, solid, transfer, position, averages.normal, self.eye, &mut self.glossy[range.clone()]);
+                add_glossy(
+                    light,
+                    solid,
+                    transfer,
+                    position,
+                    averages.normal,
+                    self.eye,
+                    &mut self.glossy[range.clone()],
+                    &mut self.lobes[range.clone()],
+                );
             }
             let is_coated = |material: &u32| surfaces.materials[*material as usize].clearcoat > 0.0;
             if !self.coat.is_empty() && averages.material.iter().any(is_coated) {
@@ -215,7 +231,7 @@ pub struct View {
 }
 
 impl<'a> Relighter<'a> {
-    /// Buffers for all points: 80 bytes each.
+    /// Buffers for all points: 80 bytes each, 168 where the asset has transfer.
     pub fn new(asset: &'a Asset) -> Self {
         let has_transfer = asset.patches.iter().any(|patch| patch.transfer().is_some());
         let mut flags = Vec::with_capacity(asset.n_points());
@@ -225,6 +241,7 @@ impl<'a> Relighter<'a> {
             light: None,
             indirect: has_transfer.then(|| Indirect { solid: Icosahedron::new(MAX_LEVEL), light: None, is_on: true }),
             coat: Vec::new(),
+            lobes: if has_transfer { vec![EyeLobes::default(); asset.n_points()] } else { Vec::new() },
             surfaces: Surfaces {
                 materials: asset.materials().to_vec(),
                 baked: asset.materials(),
@@ -337,6 +354,8 @@ impl<'a> Relighter<'a> {
         }
         if let Some(indirect) = &mut self.indirect {
             indirect.light = Some(FilteredLight::prepare(light));
+            // Those of the last light say nothing about this one's.
+            self.lobes.fill(EyeLobes::default());
         }
         self.is_lit.fill(false);
         self.cubemap = None;
@@ -346,7 +365,9 @@ impl<'a> Relighter<'a> {
     /// those are summed again, at every point that was lit, without drift ([`LightChange`]). Keeps a copy of the light.
     pub fn change_light(&mut self, light: &LightCubemap) {
         let total: f64 = light.flux.as_flattened().iter().map(|flux| f64::from(*flux)).sum();
-        let change = self.cubemap.take().map(|before| LightChange::between(&before, light));
+        // Indirect light has no sums to change: it is looked up again, and direct light with it.
+        let before = self.cubemap.take().filter(|_| self.indirect.is_none());
+        let change = before.map(|before| LightChange::between(&before, light));
         let lit = self.is_lit.clone();
         self.set_light(light);
         self.cubemap = Some(light.clone());
@@ -387,7 +408,21 @@ impl<'a> Relighter<'a> {
         let indirect = self.indirect.as_ref().and_then(Indirect::light);
         let (surfaces, accuracy, coat) = (&self.surfaces, self.accuracy, &mut self.coat[..]);
         let is_lit = &mut self.is_lit[..];
-        Work { light, indirect, surfaces, accuracy, eye, wanted, patches: &asset.patches, is_lit, irradiance, glossy, coat }.run()
+        Work {
+            light,
+            indirect,
+            surfaces,
+            accuracy,
+            eye,
+            wanted,
+            patches: &asset.patches,
+            is_lit,
+            irradiance,
+            glossy,
+            coat,
+            lobes: &mut self.lobes,
+        }
+        .run()
     }
 
     /// `[points][channel][axis]` vector irradiance of the points shaded last, W·m⁻².
@@ -423,12 +458,14 @@ impl<'a> Relighter<'a> {
     }
 
     fn with_scene<T>(&self, background: &(dyn Fn([f32; 3]) -> [f32; 3] + Sync), clay: bool, f: impl FnOnce(&DrawScene) -> T) -> T {
+        let indirect = self.indirect.as_ref().and_then(Indirect::light);
         let objects: Vec<DrawObject> = (self.asset.objects.iter().zip(self.meshes()))
             .map(|(object, mesh)| DrawObject {
                 mesh,
                 irradiance: &self.irradiance[object.points.clone()],
                 glossy: &self.glossy[object.points.clone()],
                 coat: if self.coat.is_empty() { &[] } else { &self.coat[object.points.clone()] },
+                lobes: indirect.map(|(_, light)| PixelLobes { light, lobes: &self.lobes[object.points.clone()] }),
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();

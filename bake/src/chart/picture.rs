@@ -80,6 +80,7 @@ impl PictureView {
                 irradiance: &all.irradiance[object.points.clone()],
                 glossy: &all.glossy[object.points.clone()],
                 coat: &[],
+                lobes: None,
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! Eᵢ is the vector irradiance of a corner's point and wᵢ its weight: cut off corner by corner, since a sun that one of them sees below n_b
-//! would take the light of the others too. Glossy are the two Schlick terms, interpolated like it; n_b is the interpolated shading normal
-//! bent by the normal map; base, F0, F90 and the clear coat c are those of
+//! would take the light of the others too. Glossy are the two Schlick terms, interpolated like it, lobes looked up again
+//! ([`crate::vmf_transfer::pixel`]); n_b is the interpolated shading normal bent by the normal map; base, F0, F90 and the clear coat c are those of
 //! [`crate::brdf::Surface`] (base/π · (1 − metal)(1 − E_d) for glTF). Corners without a point, and buried ones, leave the
 //! interpolation: the weights of the others grow to sum 1; a triangle with none left gets no light.
 //!
@@ -27,6 +27,7 @@ use crate::asset::points::BURIED;
 use crate::brdf::{Measured, Place};
 use crate::error::RuntimeError;
 use crate::surface::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
+use crate::vmf_transfer::pixel::PixelLobes;
 use std::f32::consts::PI;
 
 /// Reflectance of every surface in clay.
@@ -43,6 +44,8 @@ pub struct DrawObject<'a> {
     pub glossy: &'a [[[f32; 3]; 2]],
     /// `[points][channel]` radiance of a whole clear coat. Empty: none.
     pub coat: &'a [[f32; 3]],
+    /// `[points]` lobes that glossy light holds at points, looked up again between them. `None`: interpolated light is all.
+    pub lobes: Option<PixelLobes<'a>>,
     /// `[points]` flags of [`crate::asset::points`]. Empty: none is buried.
     pub point_flags: &'a [u32],
 }
@@ -119,6 +122,7 @@ pub(super) fn check_light(scene: &DrawScene) -> Result<(), RuntimeError> {
         if short(object.irradiance.len(), false)
             || short(object.glossy.len(), true)
             || short(object.coat.len(), true)
+            || object.lobes.is_some_and(|own| short(own.lobes.len(), false))
             || short(object.point_flags.len(), true)
         {
             let what = format!("light for {} points, its mesh names {needed}", object.irradiance.len());
@@ -141,6 +145,15 @@ pub(super) struct Gathered<'a> {
     /// Texels along u and v of the largest texture, [0, 0] without textures.
     texels: [f32; 2],
     tangent_from_uv: Option<[f32; 4]>,
+}
+
+impl Gathered<'_> {
+    /// The points of the corners, where none of those that light the triangle is a blend; a corner without light stands in with another's.
+    fn single_points(&self) -> Option<[usize; 3]> {
+        let any = self.points.iter().find(|shares| shares.n > 0)?.points[0];
+        let is_single = self.points.iter().all(|shares| shares.n < 2);
+        is_single.then(|| std::array::from_fn(|k| if self.points[k].n > 0 { self.points[k].points[0] } else { any } as usize))
+    }
 }
 
 pub(super) struct Shader<'a> {
@@ -362,11 +375,11 @@ impl<'a> Shader<'a> {
         let usable = |k: &usize| gathered.points[*k].n > 0;
         let sum: f32 = (0..3).filter(usable).map(|k| weights[k]).sum();
         let count = (0..3).filter(usable).count();
+        // At a corner that has no point the others may weigh nothing: they share equally there.
+        let weight_of = |k: usize| if sum > 1e-6 { weights[k] / sum } else { 1.0 / count as f32 };
         for k in (0..3).filter(usable) {
-            // At a corner that has no point the others may weigh nothing: they share equally there.
-            let weight = if sum > 1e-6 { weights[k] / sum } else { 1.0 / count as f32 };
             for (point, share) in gathered.points[k].iter() {
-                let weight = weight * share;
+                let weight = weight_of(k) * share;
                 let e = gathered.object.irradiance[point];
                 add(&mut light.received, e.map(|e| (e[0] * normal[0] + e[1] * normal[1] + e[2] * normal[2]).max(0.0)), weight);
                 if let Some(g) = gathered.object.glossy.get(point) {
@@ -376,6 +389,12 @@ impl<'a> Shader<'a> {
                     add(&mut light.coat, *coat, weight);
                 }
             }
+        }
+        if let Some(lobes) = &gathered.object.lobes
+            && let Some(points) = gathered.single_points()
+        {
+            let weights = std::array::from_fn(|k| if usable(&k) { weight_of(k) } else { 0.0 });
+            lobes.correct(points, weights, &mut light.glossy);
         }
         light
     }

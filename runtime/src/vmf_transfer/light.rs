@@ -9,8 +9,9 @@
 //! read never crosses a seam. Below κ = 1 it fades to the mean radiance, above the last level it stays there: a texel cannot hold more.
 //!
 //! Errors, relative L2 of the kernel in effect: between levels 0.036, bilinear 0.008 (0.03 at the last two levels, where m = 4·√κ). Light of
-//! one texel is never wider than the level asks, but for wide levels, which read the light at their own resolution: 1 % more variance. Kernels are cut where they fall below 10⁻⁴ of their peak, and every level is scaled to keep
-//! the flux. Bytes for n = 64: 6.4 MB, for n = 128: 28 MB. Source: \[LD09\] section 6.2, erratum 8 (resolution follows √κ).
+//! one texel is never wider than the level asks, but for wide levels, which read the light at their own resolution: 1 % more variance.
+//! Kernels are cut where they fall below 10⁻⁴ of their peak, and every level is scaled to keep the flux. Milliseconds: the bench
+//! `environment`. Bytes for n = 64: 6.4 MB, for n = 128: 28 MB. Source: \[LD09\] section 6.2, erratum 8 (resolution follows √κ).
 
 use crate::environment::LightCubemap;
 use crate::sphere::cubemap::{face_axes, face_from_direction, texel_solid_angle, texel_unit_direction};
@@ -39,13 +40,6 @@ pub struct FilteredLight {
     levels: Vec<Level>,
 }
 
-/// A texel that shines.
-#[derive(Clone, Copy)]
-struct Source {
-    direction: [f32; 3],
-    flux: [f32; 3],
-}
-
 impl FilteredLight {
     /// Filters a light. Time for 64² faces: see the bench `environment`.
     pub fn prepare(light: &LightCubemap) -> Self {
@@ -54,7 +48,6 @@ impl FilteredLight {
         light.flux.iter().for_each(|flux| (0..3).for_each(|c| sum[c] += f64::from(flux[c])));
         let largest = (n as f64 / 4.0).powi(2);
         let n_levels = libm::log2(largest).round() as usize + 1;
-        let falloff = Falloff::new();
         let mut sources = vec![(n, Tiles::new(light))];
         let mut coarse = None;
         while sources[sources.len() - 1].0 > 8 && sources[sources.len() - 1].0.is_multiple_of(2) {
@@ -66,7 +59,7 @@ impl FilteredLight {
             let kappa = libm::exp2(i as f64);
             let side = ((SIDE * kappa.sqrt()).round() as usize).clamp(4, n.max(4));
             let fine_enough = sources.iter().rev().find(|(n, _)| *n >= side).unwrap_or(&sources[0]);
-            level(&fine_enough.1, &falloff, side, kappa, sum)
+            level(&fine_enough.1, side, kappa, sum)
         };
         let levels = (0..n_levels).map(prepared).collect();
         FilteredLight { mean: sum.map(|s| (s / (4.0 * std::f64::consts::PI)) as f32), levels }
@@ -94,22 +87,40 @@ impl FilteredLight {
     }
 }
 
-/// Sources in squares of 8 by 8 texels, so that a kernel skips what it cannot reach.
+/// Sources in squares of texels, so that a kernel skips what it cannot reach.
 struct Tiles {
-    /// Unit middle, cosine of the angle to the farthest source, range of `sources`.
-    tiles: Vec<([f32; 3], f32, std::ops::Range<usize>)>,
-    sources: Vec<Source>,
+    tiles: Vec<Tile>,
+    batches: Vec<Batch>,
 }
+
+struct Tile {
+    cap: Cap,
+    batches: std::ops::Range<usize>,
+}
+
+/// Sources of a tile side by side; those that are missing have no flux.
+#[derive(Clone, Copy, Default)]
+struct Batch {
+    /// `[axis][source]`
+    direction: [[f32; LANES]; 3],
+    /// `[channel][source]`
+    flux: [[f32; LANES]; 3],
+}
+
+/// Sources of a batch: a multiple of every vector unit's width.
+const LANES: usize = 16;
+/// Texels along a tile's side.
+const TILE: usize = 4;
 
 impl Tiles {
     fn new(light: &LightCubemap) -> Self {
         let n = light.face_resolution;
-        let mut tiles = Tiles { tiles: Vec::new(), sources: Vec::new() };
-        let size = n.min(8);
+        let mut tiles = Tiles { tiles: Vec::new(), batches: Vec::new() };
+        let size = n.min(TILE);
         for face in 0..6 {
             for tile in 0..(n / size) * (n / size) {
                 let (y0, x0) = (tile / (n / size) * size, tile % (n / size) * size);
-                let start = tiles.sources.len();
+                let mut own: Vec<([f32; 3], [f32; 3])> = Vec::with_capacity(size * size);
                 for (y, x) in (y0..y0 + size).flat_map(|y| (x0..x0 + size).map(move |x| (y, x))) {
                     let texel = (face * n + y) * n + x;
                     let flux = light.flux[texel];
@@ -118,50 +129,119 @@ impl Tiles {
                     }
                     let moment = light.moment[texel];
                     let toward: [f32; 3] = std::array::from_fn(|k| moment[0][k] + moment[1][k] + moment[2][k]);
-                    let length = (toward[0] * toward[0] + toward[1] * toward[1] + toward[2] * toward[2]).sqrt();
+                    let length = dot(toward, toward).sqrt();
                     let direction = if length > 0.0 { toward.map(|c| c / length) } else { texel_unit_direction(n, face, x, y) };
-                    tiles.sources.push(Source { direction, flux });
+                    own.push((direction, flux));
                 }
-                let own = &tiles.sources[start..];
                 if own.is_empty() {
                     continue;
                 }
-                let sum: [f32; 3] = std::array::from_fn(|k| own.iter().map(|s| s.direction[k]).sum());
-                let length = (sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]).sqrt();
-                let middle = sum.map(|c| c / length);
-                let reach = own.iter().map(|s| dot(middle, s.direction)).fold(1.0, f32::min);
-                tiles.tiles.push((middle, reach, start..tiles.sources.len()));
+                let cap = Cap::around(own.iter().map(|source| source.0));
+                let start = tiles.batches.len();
+                for sources in own.chunks(LANES) {
+                    let mut batch = Batch::default();
+                    for (i, (direction, flux)) in sources.iter().enumerate() {
+                        (0..3).for_each(|k| (batch.direction[k][i], batch.flux[k][i]) = (direction[k], flux[k]));
+                    }
+                    tiles.batches.push(batch);
+                }
+                tiles.tiles.push(Tile { cap, batches: start..tiles.batches.len() });
             }
         }
         tiles
     }
 
-    /// Σ flux · γ.
-    fn gather(&self, falloff: &Falloff, d: [f32; 3], kappa: f32, constant: f32) -> [f32; 3] {
-        // κ (1 − cos) = CUT at the edge of the kernel.
-        let cut = (1.0 - CUT / kappa).max(-1.0);
-        let sine = (1.0 - cut * cut).max(0.0).sqrt();
-        let mut sum = [0.0f32; 3];
-        for (middle, reach, range) in &self.tiles {
-            if cut > -1.0 {
-                // Angles add: cos(a + b) = cos a cos b − sin a sin b.
-                let least = cut * reach - sine * (1.0 - reach * reach).max(0.0).sqrt();
-                let is_far = *reach > 0.0 && cut + reach > 0.0 && dot(*middle, d) < least;
-                if is_far {
-                    continue;
-                }
-            }
-            for source in &self.sources[range.clone()] {
-                let chord: [f32; 3] = std::array::from_fn(|k| d[k] - source.direction[k]);
-                let exponent = 0.5 * kappa * dot(chord, chord);
-                // Wide kernels end at 2κ < CUT, so this cuts them nowhere.
-                if exponent < CUT {
-                    let density = constant * falloff.at(exponent);
-                    (0..3).for_each(|c| sum[c] += density * source.flux[c]);
-                }
+    /// Tiles that a kernel of some direction within `around` of a middle may reach.
+    fn near(&self, kernel: &Kernel, around: &Cap) -> Vec<usize> {
+        let is_near = |tile: &Tile| !kernel.cap.add(&tile.cap).add(around).excludes(dot(tile.cap.middle, around.middle));
+        (0..self.tiles.len()).filter(|i| is_near(&self.tiles[*i])).collect()
+    }
+
+    /// Σ flux · γ over the tiles given.
+    fn gather(&self, near: &[usize], d: [f32; 3], kernel: &Kernel) -> [f32; 3] {
+        let mut sums = [[0.0f32; LANES]; 3];
+        for tile in near.iter().map(|i| &self.tiles[*i]) {
+            if !kernel.cap.add(&tile.cap).excludes(dot(tile.cap.middle, d)) {
+                self.batches[tile.batches.clone()].iter().for_each(|batch| batch.add(d, kernel.kappa, &mut sums));
             }
         }
-        sum
+        sums.map(|lanes| kernel.peak * lanes.iter().sum::<f32>())
+    }
+}
+
+/// Directions about a middle.
+#[derive(Clone, Copy, Debug)]
+struct Cap {
+    middle: [f32; 3],
+    /// Of the angle from the middle to the edge; −1 is everything.
+    cosine: f32,
+    sine: f32,
+}
+
+impl Cap {
+    fn new(middle: [f32; 3], cosine: f32) -> Self {
+        let cosine = cosine.clamp(-1.0, 1.0);
+        Cap { middle, cosine, sine: (1.0 - cosine * cosine).max(0.0).sqrt() }
+    }
+
+    /// The cap about the mean of some directions that holds them all.
+    fn around(directions: impl Iterator<Item = [f32; 3]> + Clone) -> Self {
+        let mut sum = [0.0; 3];
+        directions.clone().for_each(|d| (0..3).for_each(|k| sum[k] += d[k]));
+        let length = dot(sum, sum).sqrt();
+        if length <= 0.0 {
+            return Cap::new([0.0, 0.0, 1.0], -1.0);
+        }
+        let middle = sum.map(|c| c / length);
+        // The rounding of a unit vector's length.
+        Cap::new(middle, directions.map(|d| dot(middle, d)).fold(1.0, f32::min) - 1e-6)
+    }
+
+    /// Angles added.
+    fn add(&self, other: &Cap) -> Cap {
+        // Beyond half a turn, where cosines would come back up, it is everything.
+        let is_all = self.cosine + other.cosine <= 0.0;
+        // cos(a + b) = cos a cos b − sin a sin b
+        let (a, b) = (self, other);
+        let (cosine, sine) = (a.cosine * b.cosine - a.sine * b.sine, a.sine * b.cosine + a.cosine * b.sine);
+        Cap { middle: self.middle, cosine: if is_all { -1.0 } else { cosine }, sine: if is_all { 0.0 } else { sine } }
+    }
+
+    /// A direction with this cosine to the middle is outside.
+    fn excludes(&self, cosine: f32) -> bool {
+        self.cosine > -1.0 && cosine < self.cosine
+    }
+}
+
+/// What a level is filtered with.
+struct Kernel {
+    kappa: f32,
+    peak: f32,
+    cap: Cap,
+}
+
+impl Kernel {
+    fn new(kappa: f64) -> Self {
+        // κ (1 − cos) = CUT at the edge.
+        Kernel { kappa: kappa as f32, peak: peak(kappa) as f32, cap: Cap::new([0.0; 3], 1.0 - CUT / kappa as f32) }
+    }
+}
+
+impl Batch {
+    /// Lane by lane without a branch, so that compilers make vectors of it.
+    #[inline]
+    fn add(&self, d: [f32; 3], kappa: f32, sums: &mut [[f32; LANES]; 3]) {
+        let [dx, dy, dz] = &self.direction;
+        let mut density = [0.0f32; LANES];
+        for i in 0..LANES {
+            let (x, y, z) = (d[0] - dx[i], d[1] - dy[i], d[2] - dz[i]);
+            let exponent = 0.5 * kappa * (x * x + y * y + z * z);
+            // Wide kernels end at 2κ < CUT, so this cuts them nowhere.
+            density[i] = if exponent < CUT { falloff(exponent) } else { 0.0 };
+        }
+        for (sum, flux) in sums.iter_mut().zip(&self.flux) {
+            (0..LANES).for_each(|i| sum[i] += density[i] * flux[i]);
+        }
     }
 }
 
@@ -169,27 +249,17 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// e^(−x) for x in 0..=CUT and beyond, by linear interpolation: 2·10⁻⁵ of the value.
-struct Falloff {
-    table: Vec<[f32; 2]>,
-}
-
-impl Falloff {
-    const STEPS: f32 = 64.0;
-
-    fn new() -> Self {
-        let at = |i: usize| libm::expf(-(i as f32) / Self::STEPS);
-        let entries = (CUT * Self::STEPS) as usize + 2;
-        Falloff { table: (0..entries).map(|i| [at(i), at(i + 1) - at(i)]).collect() }
-    }
-
-    #[inline]
-    fn at(&self, x: f32) -> f32 {
-        let scaled = x * Self::STEPS;
-        let i = scaled as usize;
-        let [value, step] = self.table[i.min(self.table.len() - 1)];
-        value + step * (scaled - i as f32)
-    }
+/// e^(−x) for x in 0..=CUT, to 3·10⁻⁵ of the value: Taylor about the middle of 0..=CUT/8, to the eighth power.
+#[inline]
+fn falloff(x: f32) -> f32 {
+    const MIDDLE: f32 = CUT / 16.0;
+    // e^(−MIDDLE)
+    const SCALE: f32 = 0.562_704_9;
+    let y = MIDDLE - 0.125 * x;
+    let series = 1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y * (1.0 / 120.0 + y * (1.0 / 720.0))))));
+    let root = SCALE * series;
+    let fourth = (root * root) * (root * root);
+    fourth * fourth
 }
 
 /// Four texels as one: flux and moment add.
@@ -207,21 +277,33 @@ fn halve(light: &LightCubemap) -> LightCubemap {
     half
 }
 
-fn level(sources: &Tiles, falloff: &Falloff, side: usize, kappa: f64, total: [f64; 3]) -> Level {
-    let row = side + 2;
-    let (narrow, constant) = (kappa as f32, peak(kappa) as f32);
-    let texel = |i: usize| {
-        let (face, y, x) = (i / (row * row), i / row % row, i % row);
+/// Texels along the side of a block that looks for its tiles once.
+const BLOCK: usize = 8;
+
+fn level(sources: &Tiles, side: usize, kappa: f64, total: [f64; 3]) -> Level {
+    let (row, kernel) = (side + 2, Kernel::new(kappa));
+    let across = row.div_ceil(BLOCK);
+    let direction = |face: usize, y: usize, x: usize| {
         let (main, u, v, sign) = face_axes(face);
         let along = |i: usize| (2.0 * i as f32 - 1.0) / side as f32 - 1.0;
         let mut d = [0.0f32; 3];
-        d[main] = sign;
-        d[u] = along(x);
-        d[v] = along(y);
+        (d[main], d[u], d[v]) = (sign, along(x), along(y));
         let length = dot(d, d).sqrt();
-        sources.gather(falloff, d.map(|c| c / length), narrow, constant)
+        d.map(|c| c / length)
     };
-    let mut texels: Vec<[f32; 3]> = map(6 * row * row, texel);
+    let places = |block: usize| {
+        let (face, y0, x0) = (block / (across * across), block / across % across * BLOCK, block % across * BLOCK);
+        (y0..(y0 + BLOCK).min(row)).flat_map(move |y| (x0..(x0 + BLOCK).min(row)).map(move |x| (face, y, x)))
+    };
+    let blocks: Vec<Vec<[f32; 3]>> = map(6 * across * across, |block| {
+        let directions = places(block).map(|(face, y, x)| direction(face, y, x));
+        let near = sources.near(&kernel, &Cap::around(directions.clone()));
+        directions.map(|d| sources.gather(&near, d, &kernel)).collect()
+    });
+    let mut texels = vec![[0.0f32; 3]; 6 * row * row];
+    for (block, values) in blocks.iter().enumerate() {
+        places(block).zip(values).for_each(|((face, y, x), value)| texels[(face * row + y) * row + x] = *value);
+    }
     // What the cut and the sampling lost or gained, one factor a channel.
     let mut sum = [0.0f64; 3];
     for face in 0..6 {
@@ -241,7 +323,7 @@ fn level(sources: &Tiles, falloff: &Falloff, side: usize, kappa: f64, total: [f6
 #[cfg(feature = "parallel")]
 fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     use rayon::prelude::*;
-    (0..n).into_par_iter().with_min_len(256).map(f).collect()
+    (0..n).into_par_iter().with_min_len(4).map(f).collect()
 }
 
 #[cfg(not(feature = "parallel"))]

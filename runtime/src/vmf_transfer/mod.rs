@@ -8,10 +8,12 @@
 //! | [`transfer`] | the chunk |
 //! | [`light`] | the environment, filtered per κ |
 //! | [`shade`] | light at points |
+//! | [`pixel`] | light between them |
 
 pub mod interpolate;
 pub mod light;
 pub mod lobe;
+pub mod pixel;
 pub mod record;
 pub mod shade;
 pub mod transfer;

@@ -7,11 +7,12 @@
 //!
 //! Both go into the buffers that drawing reads, so base colour, metalness and F0 are applied per pixel.
 //!
-//! Lossy: irradiance has no direction of its own (a normal map bends it by the cosine only); glossy light is kept at points and
-//! interpolated between them; slices carry single scattering of as many bounces as were baked, and their interpolation error.
+//! Lossy: irradiance has no direction of its own (a normal map bends it by the cosine only); between points glossy light is what
+//! [`super::pixel`] makes of it; slices carry single scattering of as many bounces as were baked, and their interpolation error.
 
-use super::interpolate::blend;
+use super::interpolate::{Blend, blend};
 use super::light::FilteredLight;
+use super::pixel::EyeLobes;
 use super::transfer::{PointTransfer, Record, SLICE_LOBES, Transfer, TransferLobe, decode};
 use crate::block_product::Glossy;
 use crate::sphere::frame::tangents;
@@ -39,7 +40,8 @@ fn radiance_of(light: &FilteredLight, records: &[Record]) -> [f32; 3] {
     sum
 }
 
-/// Adds indirect glossy light of every point of a patch toward `eye`. `normal`: the glossy normals that the slices were baked about.
+/// Adds indirect glossy light of every point of a patch toward `eye`, and keeps its lobes for the pixels between points. `normal`: the
+/// glossy normals that the slices were baked about.
 pub fn add_glossy(
     light: &FilteredLight,
     solid: &Icosahedron,
@@ -48,9 +50,11 @@ pub fn add_glossy(
     normal: &[[f32; 3]],
     eye: [f32; 3],
     glossy: &mut [Glossy],
+    lobes: &mut [EyeLobes],
 ) {
     for i in 0..transfer.len() {
         let point = transfer.point(i);
+        lobes[i] = EyeLobes::default();
         if point.level.is_none() {
             continue;
         }
@@ -60,13 +64,10 @@ pub fn add_glossy(
             continue;
         }
         let view = toward.map(|c| c / length);
-        for (lobe, grazing) in glossy_lobes(solid, &point, normal[i], view) {
-            let value = light.lookup(lobe.mu, lobe.kappa);
-            for c in 0..3 {
-                let radiance = lobe.weight[c] * value[c];
-                glossy[i][0][c] += radiance;
-                glossy[i][1][c] += grazing * radiance;
-            }
+        let (own, light) = EyeLobes::look_up(light, &slots(solid, &point, normal[i], view));
+        lobes[i] = own;
+        for (sum, term) in glossy[i].iter_mut().zip(light) {
+            (0..3).for_each(|c| sum[c] += term[c]);
         }
     }
 }
@@ -78,19 +79,23 @@ pub fn glossy_lobes(
     normal: [f32; 3],
     view: [f32; 3],
 ) -> impl Iterator<Item = (super::Lobe, f32)> {
+    slots(solid, point, normal, view).into_iter().flat_map(|(blend, grazing)| {
+        let n = blend.lobes().len();
+        (0..n).map(move |i| (blend.lobes()[i], grazing)).filter(|(lobe, _)| lobe.weight != [0.0; 3])
+    })
+}
+
+/// The same slot by slot, black ones too.
+fn slots(solid: &Icosahedron, point: &PointTransfer, normal: [f32; 3], view: [f32; 3]) -> [(Blend, f32); SLICE_LOBES] {
     let (t, b) = tangents(normal);
     let along = |axis: [f32; 3]| axis[0] * view[0] + axis[1] * view[1] + axis[2] * view[2];
     let found = solid.locate(point.level.unwrap_or(0), [along(t), along(b), along(normal)]);
-    let slots: [_; SLICE_LOBES] = std::array::from_fn(|slot| {
+    std::array::from_fn(|slot| {
         let lobes: [TransferLobe; 3] = found.places.map(|place| point.slice(solid, place, slot));
         let say: [f32; 3] = std::array::from_fn(|k| found.weights[k] * super::lobe::luminance(lobes[k].lobe.weight));
         let sum = say[0] + say[1] + say[2];
         let grazing = if sum > 0.0 { (0..3).map(|k| say[k] * lobes[k].grazing).sum::<f32>() / sum } else { 0.0 };
         (blend(lobes.map(|l| l.lobe), found.weights), grazing)
-    });
-    slots.into_iter().flat_map(|(blend, grazing)| {
-        let n = blend.lobes().len();
-        (0..n).map(move |i| (blend.lobes()[i], grazing)).filter(|(lobe, _)| lobe.weight != [0.0; 3])
     })
 }
 
@@ -136,7 +141,7 @@ mod tests {
         let expected = 0.25 * (1.0 + mean) + 0.125;
         for eye in [[0.0, 5.0, 5.0], [3.0, 1.0, 2.0], [-4.0, 0.0, 0.1], [0.0, 0.6, 0.8]] {
             let mut glossy = [[[0.0; 3]; 2]; 2];
-            add_glossy(&light, &solid, &transfer, &[[0.0; 3]; 2], &normal, eye, &mut glossy);
+            add_glossy(&light, &solid, &transfer, &[[0.0; 3]; 2], &normal, eye, &mut glossy, &mut [EyeLobes::default(); 2]);
             assert!((glossy[0][0][1] / expected - 1.0).abs() < 0.01, "{eye:?}: {glossy:?}");
             assert!((glossy[0][1][1] / glossy[0][0][1] - 0.5).abs() < 1e-3);
             assert_eq!(glossy[1], [[0.0; 3]; 2]);
@@ -147,7 +152,7 @@ mod tests {
         assert!((along / (0.25 * (1.0 + mean)) - 1.0).abs() < 0.01, "{along}");
         assert_eq!(irradiance[1], [[0.0; 3]; 3]);
         let mut at_the_point = [[[0.0; 3]; 2]; 2];
-        add_glossy(&light, &solid, &transfer, &[[1.0; 3]; 2], &normal, [1.0; 3], &mut at_the_point);
+        add_glossy(&light, &solid, &transfer, &[[1.0; 3]; 2], &normal, [1.0; 3], &mut at_the_point, &mut [EyeLobes::default(); 2]);
         assert_eq!(at_the_point[0], [[0.0; 3]; 2], "no view from inside the point");
     }
 }

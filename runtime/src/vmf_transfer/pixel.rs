@@ -1,0 +1,165 @@
+//! From lobes at points to pixels: lobes are interpolated, then light is looked up.
+//!
+//! ```text
+//! linear(x)  = Σ_k w_k Σ_j α_kj light(μ_kj, κ_kj)          what interpolating light at the corners k of a triangle gives
+//! moved(x)   = Σ_j α_j light(μ_j, κ_j),  j of blend(corners' lobes, w)
+//! glossy(x)  = interpolated glossy light + moved − linear
+//! ```
+//!
+//! Between the corners of a curved surface a reflection then moves, where interpolated light fades from one place into the next. Light at
+//! points stays whole, so whoever reads it needs no pixel stage. A slot that is already a cross-fade of several lobes at a corner, lobes
+//! of corners that are too far apart to be one, and corners without a point of their own stay linear. At a corner the correction is 0.
+//! Source: \[LD09\] section 6 (slices per vertex, lookup per pixel).
+
+use super::interpolate::{Blend, blend};
+use super::light::FilteredLight;
+use super::lobe::{Lobe, luminance};
+use super::transfer::SLICE_LOBES;
+use crate::block_product::Glossy;
+
+/// One lobe of a point toward the eye that it was last shaded for. Black where the slot has none or several.
+#[derive(Clone, Copy, Debug, Default)]
+struct EyeLobe {
+    lobe: Lobe,
+    grazing: f32,
+    /// Looked up at the point.
+    radiance: [f32; 3],
+}
+
+/// The lobes of a point toward the eye. 88 bytes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct EyeLobes([EyeLobe; SLICE_LOBES]);
+
+/// What pixels look lobes up with.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelLobes<'a> {
+    /// The light that the points were shaded in.
+    pub light: &'a FilteredLight,
+    /// `[points]`
+    pub lobes: &'a [EyeLobes],
+}
+
+impl EyeLobes {
+    /// Looks the slots of a point up, keeps those that one lobe stands for, and returns their light in both Schlick terms.
+    pub(super) fn look_up(light: &FilteredLight, slots: &[(Blend, f32); SLICE_LOBES]) -> (Self, Glossy) {
+        let (mut own, mut glossy) = (EyeLobes::default(), Glossy::default());
+        for (kept, (blend, grazing)) in own.0.iter_mut().zip(slots) {
+            let radiance = looked_up(light, blend);
+            for c in 0..3 {
+                glossy[0][c] += radiance[c];
+                glossy[1][c] += grazing * radiance[c];
+            }
+            if let [lobe] = blend.lobes() {
+                *kept = EyeLobe { lobe: *lobe, grazing: *grazing, radiance };
+            }
+        }
+        (own, glossy)
+    }
+}
+
+fn looked_up(light: &FilteredLight, blend: &Blend) -> [f32; 3] {
+    let mut radiance = [0.0; 3];
+    for lobe in blend.lobes().iter().filter(|lobe| lobe.weight != [0.0; 3]) {
+        let value = light.lookup(lobe.mu, lobe.kappa);
+        (0..3).for_each(|c| radiance[c] += lobe.weight[c] * value[c]);
+    }
+    radiance
+}
+
+impl PixelLobes<'_> {
+    /// Adds moved − linear to glossy light that was interpolated between three points.
+    pub fn correct(&self, points: [usize; 3], weights: [f32; 3], glossy: &mut Glossy) {
+        for slot in 0..SLICE_LOBES {
+            let corners = points.map(|point| &self.lobes[point].0[slot]);
+            let say: [f32; 3] = std::array::from_fn(|k| weights[k] * luminance(corners[k].lobe.weight));
+            let sum = say[0] + say[1] + say[2];
+            if sum <= 0.0 {
+                continue;
+            }
+            let blend = blend(corners.map(|corner| corner.lobe), weights);
+            if blend.lobes().len() > 1 {
+                continue;
+            }
+            let moved = looked_up(self.light, &blend);
+            let grazing = (0..3).map(|k| say[k] * corners[k].grazing).sum::<f32>() / sum;
+            for c in 0..3 {
+                let linear: [f32; 3] = std::array::from_fn(|k| weights[k] * corners[k].radiance[c]);
+                glossy[0][c] += moved[c] - (linear[0] + linear[1] + linear[2]);
+                glossy[1][c] += grazing * moved[c] - (0..3).map(|k| linear[k] * corners[k].grazing).sum::<f32>();
+            }
+        }
+        // Differences of sums may fall below nothing by their rounding.
+        glossy.iter_mut().flatten().for_each(|value| *value = value.max(0.0));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::environment::LightCubemap;
+    use crate::sphere::cubemap::{texel_solid_angle, texel_unit_direction};
+
+    /// A dark sky with one bright spot about +y.
+    fn spot() -> FilteredLight {
+        let n = 64;
+        let mut light = LightCubemap::black(n);
+        for i in 0..6 * n * n {
+            let (face, y, x) = (i / (n * n), i / n % n, i % n);
+            let d = texel_unit_direction(n, face, x, y);
+            let radiance = 0.1 + 20.0 * (60.0 * (d[1] - 1.0)).exp();
+            let flux = [radiance * texel_solid_angle(n, x, y) as f32; 3];
+            light.flux[i] = flux;
+            light.moment[i] = flux.map(|f| d.map(|c| c * f));
+        }
+        FilteredLight::prepare(&light)
+    }
+
+    fn one(angle: f32, kappa: f32) -> (Blend, f32) {
+        let lobe = Lobe { weight: [0.8, 0.6, 0.4], mu: [angle.sin(), angle.cos(), 0.0], kappa };
+        (blend([lobe; 3], [1.0, 0.0, 0.0]), 0.25)
+    }
+
+    fn black() -> (Blend, f32) {
+        (blend([Lobe::default(); 3], [1.0, 0.0, 0.0]), 0.0)
+    }
+
+    #[test]
+    fn a_highlight_between_two_points_is_as_bright_as_it_is_there() {
+        let light = spot();
+        // The spot is mirrored half way between two points that both look past it.
+        let at = |angle: f32| EyeLobes::look_up(&light, &[black(), one(angle, 60.0)]);
+        let ((left, left_light), (right, right_light), (_, truth)) = (at(-0.1), at(0.1), at(0.0));
+        let lobes = [left, right];
+        let linear: Glossy = std::array::from_fn(|t| std::array::from_fn(|c| 0.5 * (left_light[t][c] + right_light[t][c])));
+        let mut moved = linear;
+        PixelLobes { light: &light, lobes: &lobes }.correct([0, 1, 0], [0.25, 0.5, 0.25], &mut moved);
+        for term in 0..2 {
+            let (before, after) = (linear[term][1] / truth[term][1] - 1.0, moved[term][1] / truth[term][1] - 1.0);
+            assert!(before < -0.1 && after.abs() < 0.01, "{term}: {before} {after}");
+        }
+    }
+
+    #[test]
+    fn corners_and_cross_fades_stay_as_they_are() {
+        let light = spot();
+        let mut far = [one(0.0, 60.0); SLICE_LOBES];
+        let apart = [0.0f32, 1.0].map(|angle| Lobe { weight: [0.5; 3], mu: [angle.sin(), angle.cos(), 0.0], kappa: 60.0 });
+        far[0] = (blend([apart[0], apart[1], apart[0]], [0.5, 0.5, 0.0]), 0.5);
+        assert!(far[0].0.lobes().len() > 1);
+        let (near, near_light) = EyeLobes::look_up(&light, &[black(), one(0.05, 60.0)]);
+        let (faded, faded_light) = EyeLobes::look_up(&light, &far);
+        let lobes = [near, faded, EyeLobes::default()];
+        let drawn = PixelLobes { light: &light, lobes: &lobes };
+        for (point, own) in [(0, near_light), (1, faded_light), (2, Glossy::default())] {
+            let mut got = own;
+            drawn.correct([point, 2, (point + 1) % 3], [1.0, 0.0, 0.0], &mut got);
+            let close = |a: &f32, b: &f32| (a - b).abs() <= 1e-5 * b.abs().max(1e-3);
+            assert!(got.iter().flatten().zip(own.iter().flatten()).all(|(a, b)| close(a, b)), "{point}: {got:?} {own:?}");
+        }
+        // Nothing is left of the fade but its light at the point: half way it is halved, whatever the other slot does.
+        let fade_only = EyeLobes([EyeLobe::default(), near.0[1]]);
+        let mut half = [[1.0; 3]; 2];
+        PixelLobes { light: &light, lobes: &[fade_only, fade_only, fade_only] }.correct([0, 1, 2], [0.5, 0.5, 0.0], &mut half);
+        assert!(half.iter().flatten().all(|value| (value - 1.0).abs() < 1e-5), "equal lobes need no correction: {half:?}");
+    }
+}
