@@ -30,7 +30,7 @@ use prelight_store::{Chunk, ChunkSource, Record, Store};
 use rayon::prelude::*;
 
 /// Version of what decides bits here, besides [`version::ALGORITHM_VERSION`].
-const TRANSFER_VERSION: u32 = 1;
+const TRANSFER_VERSION: u32 = 2;
 /// Turns all random numbers of paths and fits.
 const SEED: u64 = 0x6c64_3039;
 
@@ -43,7 +43,7 @@ pub struct TransferStats {
     pub rays: u64,
     /// Slices fitted, kept or not.
     pub slices: u64,
-    /// Points whose views were not refined further because the rest was noise.
+    /// Points whose views were not refined further because the rest was noise, with as many paths as there may be.
     pub noise_limited: u64,
     /// Points that light reaches over other surfaces.
     pub lit_points: u64,

@@ -8,7 +8,8 @@
 //!
 //! Any [`prelight_runtime::brdf::Lobe`]; a measured one brings its colours in g1 alone, which then takes the place of g0, with grazing 1.
 //! The same paths serve every view: only g depends on it, so a view costs one value of the BRDF per path. The number of paths follows the
-//! width of the lobe, κ ≈ 1 / 2α²: [`PATHS_PER_KAPPA`] · κ, a power of two in [`LEAST_PATHS`]..=[`MOST_PATHS`]. A point none of whose
+//! width of the lobe, κ ≈ 1 / 2α²: [`PATHS_PER_KAPPA`] · κ, a power of two in [`LEAST_PATHS`]..=[`MOST_PATHS`], and doubles while noise is what
+//! ends the refinement of views. A point none of whose
 //! first [`LEAST_PATHS`] directions meets a surface stores nothing; one without a lobe stores irradiance. How many views:
 //! [`crate::refine::angular`].
 //!
@@ -18,7 +19,7 @@
 use crate::fit::mixture::{Effort, fit_mixture};
 use crate::fit::thin::thin_slices;
 use crate::fit::vmf::{LobeSums, PathSample, fit_lobe};
-use crate::refine::angular::{Slice, Stop, ViewOptions, refine_views};
+use crate::refine::angular::{Slice, Stop, ViewOptions, Views, refine_views};
 use crate::refine::mesh::MeshOptions;
 use crate::trace::TraceOrigin;
 use crate::trace::path::{PathSet, PathTracer};
@@ -57,7 +58,7 @@ pub struct PointWork {
     pub slices: u64,
     /// 2 √(3 / M_eff) of its slices: what two fits of the same differ by, relative.
     pub noise: f32,
-    /// Refinement of views ended at the noise floor.
+    /// Refinement of views ended at the noise floor, with all the paths that there may be.
     pub noise_limited: bool,
 }
 
@@ -108,21 +109,32 @@ pub fn bake_point(
     }
     tracer.extend(from, paths_for(&receiver.lobe, options.most_paths), &mut paths);
     work.rays = paths.rays;
-    let irradiance = irradiance(&paths, from.normal, seed);
     if receiver.lobe == BrdfLobe::None {
-        return (PointRecords { irradiance, ..PointRecords::DARK }, work);
+        return (PointRecords { irradiance: irradiance(&paths, from.normal, seed), ..PointRecords::DARK }, work);
     }
-    let slices = Slices::new(&paths, receiver);
-    let views = refine_views(solid, &options.views, |corner| {
-        work.slices += 1;
-        slices.fit(solid.corners[corner as usize])
-    });
+    let mut views = refined(solid, &paths, receiver, options, &mut work.slices);
+    // What is noise is not worth more directions; it is worth more paths, which go on where the others ended.
+    while views.stop == Stop::Noise && (paths.primary.len() as u32) < options.most_paths {
+        let wanted = (paths.primary.len() as u32).saturating_mul(2).min(options.most_paths);
+        tracer.extend(from, wanted, &mut paths);
+        views = refined(solid, &paths, receiver, options, &mut work.slices);
+    }
+    work.rays = paths.rays;
+    let irradiance = irradiance(&paths, from.normal, seed);
     work.noise_limited = views.stop == Stop::Noise;
     work.noise = views.noise as f32;
     let pair = |slice: &Slice| std::array::from_fn(|slot| TransferLobe { lobe: slice.lobes[slot], grazing: slice.grazing[slot] });
     let dense: Vec<[TransferLobe; SLICE_LOBES]> = views.slices.iter().map(pair).collect();
     let tolerance = options.thin * (views.largest + options.views.floor);
     (PointRecords { irradiance, ..thin_slices(solid, views.level, &dense, tolerance) }, work)
+}
+
+fn refined(solid: &Icosahedron, paths: &PathSet, receiver: &PointLobe, options: &TransferOptions, n_slices: &mut u64) -> Views {
+    let slices = Slices::new(paths, receiver);
+    refine_views(solid, &options.views, |corner| {
+        *n_slices += 1;
+        slices.fit(solid.corners[corner as usize])
+    })
 }
 
 fn irradiance(paths: &PathSet, normal: [f32; 3], seed: u64) -> Vec<Record> {
@@ -216,12 +228,17 @@ impl<'a> Slices<'a> {
         Slices { paths, lobe: receiver.lobe, frame, lobe_frame, primary }
     }
 
-    /// The slice toward a local view.
-    pub fn fit(&self, view: [f32; 3]) -> Slice {
+    /// A local view in the lobe's axes.
+    fn lobe_view(&self, view: [f32; 3]) -> [f64; 3] {
         let lifted = [view[0], view[1], view[2].max(LEAST_HEIGHT)];
         let length = (lifted[0] * lifted[0] + lifted[1] * lifted[1] + lifted[2] * lifted[2]).sqrt();
         let world: [f32; 3] = std::array::from_fn(|k| (0..3).map(|axis| lifted[axis] / length * self.frame[axis][k]).sum());
-        let v = lobe::lift(into_frame(&self.lobe_frame, world));
+        lobe::lift(into_frame(&self.lobe_frame, world))
+    }
+
+    /// The slice toward a local view.
+    pub fn fit(&self, view: [f32; 3]) -> Slice {
+        let v = self.lobe_view(view);
         let is_measured = matches!(self.lobe, BrdfLobe::Measured(_));
         let reach = Reach::new(&self.lobe, v);
         let mut sums = [LobeSums::default(); SLICE_LOBES];
@@ -303,7 +320,8 @@ mod tests {
         let solid = Icosahedron::new(3);
         with_tracer(&corner(matte()), |tracer, _| {
             let receiver = glossy_receiver(0.4);
-            let (point, work) = bake_point(tracer, &solid, &FROM, &receiver, &OPTIONS, 1);
+            let options = TransferOptions { most_paths: paths_for(&receiver.lobe, MOST_PATHS), ..OPTIONS };
+            let (point, work) = bake_point(tracer, &solid, &FROM, &receiver, &options, 1);
             let level = point.view().level.unwrap();
             assert!(work.rays > 1024 && work.slices > 0);
             let mut paths = PathSet::default();
