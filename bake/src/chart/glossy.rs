@@ -4,7 +4,9 @@
 //! |---|---|
 //! | points before and after refinement, seconds of the bake | Table 1 |
 //! | bytes of lobes, frames a second | Table 2 |
-//! | [`mesh_svg`]: the refined mesh as the camera sees it, each triangle in the colour of the level of its points' views | Fig. 1, 7 and 8 |
+//! | [`mesh_svg`]: the refined mesh as the camera sees it | Fig. 1, 7 |
+//! | [`level_svg`]: the levels of its points' views | Fig. 8 |
+//! | [`super::uniform`]: points that a uniform mesh of equal error needs | the count of section 7 |
 //! | error of the picture with lobes and without, against paths of as many bounces | Fig. 9 |
 //!
 //! A frame is shading of what the view shows, for an eye that moved under a light that did not, and drawing; on the CPU, where the paper
@@ -82,11 +84,37 @@ fn levels(asset: &Asset) -> Vec<Option<usize>> {
 /// Fills, coarse to fine; the last is for points without slices.
 const FILLS: [&str; MAX_LEVEL + 2] = ["#d8e6f3", "#a9cbe6", "#6d9ec9", "#e8c268", "#e0803d", "#b8332a", "#f2f2f2"];
 
-/// The mesh as a camera sees it, nearest triangles last. A triangle has the finest level of its corners.
+/// The mesh as a camera sees it.
 pub fn mesh_svg(asset: &Asset, camera: &Camera, size: [usize; 2]) -> Option<String> {
+    Some(svg(&shapes(asset, camera, size)?, size, &|_| "#ffffff", "#203040"))
+}
+
+/// The levels of views of its points as a camera sees them: a triangle has the finest of its corners.
+pub fn level_svg(asset: &Asset, camera: &Camera, size: [usize; 2]) -> Option<String> {
+    let mut out = svg(&shapes(asset, camera, size)?, size, &|level| FILLS[level], "#00000060");
+    out.truncate(out.len() - "</svg>\n".len());
+    for (level, fill) in FILLS.iter().enumerate() {
+        let (y, name) = (8 + 14 * level, if level > MAX_LEVEL { "no slices".to_string() } else { format!("level {level}") });
+        let _ = writeln!(out, "<rect x=\"6\" y=\"{y}\" width=\"10\" height=\"10\" fill=\"{fill}\" stroke=\"#888888\"/>");
+        let _ = writeln!(out, "<text x=\"20\" y=\"{}\">{name}</text>", y + 9);
+    }
+    Some(out + "</svg>\n")
+}
+
+/// A triangle that faces the camera, in pixels.
+struct Shape {
+    /// Sum of its corners' depths.
+    depth: f64,
+    /// Finest level of its corners' views, [`MAX_LEVEL`] + 1 without slices.
+    level: usize,
+    corners: [[f64; 2]; 3],
+}
+
+/// What a camera sees, nearest last.
+fn shapes(asset: &Asset, camera: &Camera, size: [usize; 2]) -> Option<Vec<Shape>> {
     let rays = CameraRays::new(camera, size[0], size[1]).ok()?;
     let levels = levels(asset);
-    let mut shapes: Vec<(f64, usize, [[f64; 2]; 3])> = Vec::new();
+    let mut shapes = Vec::new();
     for (index, object) in asset.objects.iter().enumerate() {
         let mesh = asset.mesh(index);
         for triangle in mesh.triangles {
@@ -109,29 +137,32 @@ pub fn mesh_svg(asset: &Asset, camera: &Camera, size: [usize; 2]) -> Option<Stri
                 if point == NO_POINT { None } else { levels[object.points.start + point as usize] }
             };
             let level = triangle.iter().filter_map(|v| of(*v)).max().unwrap_or(MAX_LEVEL + 1);
-            shapes.push((corners.iter().map(|c| c[2]).sum(), level, flat));
+            shapes.push(Shape { depth: corners.iter().map(|c| c[2]).sum(), level, corners: flat });
         }
     }
-    shapes.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let [width, height] = size;
+    shapes.sort_by(|a, b| b.depth.total_cmp(&a.depth));
+    Some(shapes)
+}
+
+fn svg(shapes: &[Shape], [width, height]: [usize; 2], fill: &dyn Fn(usize) -> &'static str, stroke: &str) -> String {
     let mut out = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"11\">\n\
-         <rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>\n<g stroke=\"#00000060\" stroke-width=\"0.3\">\n"
+         <rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>\n<g stroke=\"{stroke}\" stroke-width=\"0.3\">\n"
     );
-    for (_, level, [a, b, c]) in shapes {
+    for Shape { level, corners: [a, b, c], .. } in shapes {
         let _ = writeln!(
             out,
             "<path fill=\"{}\" d=\"M{:.1} {:.1}L{:.1} {:.1}L{:.1} {:.1}Z\"/>",
-            FILLS[level], a[0], a[1], b[0], b[1], c[0], c[1]
+            fill(*level),
+            a[0],
+            a[1],
+            b[0],
+            b[1],
+            c[0],
+            c[1]
         );
     }
-    out += "</g>\n";
-    for (level, fill) in FILLS.iter().enumerate() {
-        let (y, name) = (8 + 14 * level, if level > MAX_LEVEL { "no slices".to_string() } else { format!("level {level}") });
-        let _ = writeln!(out, "<rect x=\"6\" y=\"{y}\" width=\"10\" height=\"10\" fill=\"{fill}\" stroke=\"#888888\"/>");
-        let _ = writeln!(out, "<text x=\"20\" y=\"{}\">{name}</text>", y + 9);
-    }
-    Some(out + "</svg>\n")
+    out + "</g>\n</svg>\n"
 }
 
 /// The tables as text. `first`: points before refinement; `seconds`: of the bake.

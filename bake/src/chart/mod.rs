@@ -17,7 +17,7 @@
 //! | [`svg`], [`page`] | what people look at |
 //! | [`against`] | what changed since an older chart |
 //! | [`paper`] | the tables and figures of \[IFL\] |
-//! | [`glossy`] | the tables and figures of \[LD09\] |
+//! | [`glossy`], [`uniform`] | the tables and figures of \[LD09\] |
 //!
 //! Nothing here is tuned on a scene: budgets are fixed. Views marked held back are none that a default or a threshold was ever set with.
 
@@ -33,6 +33,7 @@ pub mod row;
 pub mod svg;
 pub mod technique;
 pub mod truth;
+pub mod uniform;
 pub mod views;
 
 pub use clock::{process_seconds, thread_nanoseconds};

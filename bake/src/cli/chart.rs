@@ -10,7 +10,6 @@ use super::truth::Truth;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_bake::chart::against::{Against, against};
-use prelight_bake::chart::glossy::{GlossyRow, glossy_text, lobe_sizes, mesh_svg};
 use prelight_bake::chart::page::{Heading, page, plots};
 use prelight_bake::chart::paper::{paper_rows, paper_text, partly_lit, terms_svg};
 use prelight_bake::chart::picture::PictureView;
@@ -23,11 +22,9 @@ use prelight_bake::progress::{Stage, check};
 use prelight_manifests::version::ALGORITHM_VERSION;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::block_product::SimdPath;
-use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{compare, unbiased_relative_l2};
 use prelight_runtime::draw::tonemap::{automatic_exposure, expose};
 use prelight_runtime::environment::{Environment, LightCubemap};
-use prelight_runtime::relight::Relighter;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -64,6 +61,9 @@ pub struct ChartArgs {
     /// Surfaces between the camera's and the light in the references of --paper ld09
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     pub bounces: u32,
+    /// Also uniform meshes of these edge lengths in metres, and how many points one of equal error needs; for --paper ld09
+    #[arg(long, value_name = "M,M,...", value_delimiter = ',', value_parser = super::args::positive, requires = "paper")]
+    pub uniform: Vec<f32>,
     /// Compare with the chart.csv of an older chart; end with 4 where something got slower, larger or less accurate
     #[arg(long, value_name = "CSV", conflicts_with = "paper")]
     pub against: Option<PathBuf>,
@@ -81,10 +81,10 @@ pub enum Paper {
 }
 
 /// A light of the chart.
-struct ChartLight {
-    name: String,
-    environment: Environment,
-    cubemap: LightCubemap,
+pub struct ChartLight {
+    pub name: String,
+    pub environment: Environment,
+    pub cubemap: LightCubemap,
 }
 
 /// A view, rasterised, and where its results are kept.
@@ -132,7 +132,7 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
         return paper(&args, &asset, &lights, &views, context);
     }
     if args.paper == Some(Paper::Ld09) {
-        return ld09(&args, &asset, &lights, &views, (&baked, bake_seconds), context);
+        return super::chart_ld09::ld09(&args, &asset, &lights, &views, (&baked, bake_seconds), context);
     }
     let rasterised =
         (views.iter()).map(|view| PictureView::new(&asset, &view.camera, size, args.samples as usize)).collect::<Result<Vec<_>, _>>()?;
@@ -231,76 +231,6 @@ fn paper(args: &ChartArgs, asset: &Asset, lights: &[ChartLight], views: &[ChartV
     let mut summary = Summary::new();
     summary.set("tables", path.display().to_string()).set("asset_digest", asset.manifest().asset_digest.to_string());
     summary.set("partly_lit", partly).set("rows", serde_json::to_value(&rows).map_err(anyhow::Error::new)?).set_text(text);
-    Ok(summary)
-}
-
-/// `--paper ld09`: its tables over all views of each light, and what the first view shows of the mesh.
-fn ld09(
-    args: &ChartArgs,
-    asset: &Asset,
-    lights: &[ChartLight],
-    views: &[ChartView],
-    (baked, bake_seconds): (&Summary, f64),
-    context: &Context,
-) -> Result<Summary, Failure> {
-    let sizes = lobe_sizes(asset);
-    if sizes.bytes == 0 {
-        let text = "no object has indirect light\n  help: technique = \"vmf_transfer\" under [bake] in the scene.toml";
-        return Err(Failure::text(ExitCode::Input, text));
-    }
-    let size = [args.size.0 as usize, args.size.1 as usize];
-    let mut rows = Vec::new();
-    for light in lights {
-        let truth = Truth::new(asset, &light.environment, args.reference, args.bounces);
-        let mut relighter = Relighter::new(asset);
-        relighter.set_light(&light.cubemap);
-        for (i, chart_view) in views.iter().enumerate() {
-            check(context.progress())?;
-            let camera = chart_view.camera;
-            let traced = truth.picture(&Picture { camera, size, samples: args.samples as usize, clay: false }, context)?.images;
-            let view = relighter.view(&camera, size, args.samples as usize)?;
-            let mut picture = |is_on: bool| -> Result<(Image, f64), Failure> {
-                relighter.set_indirect(is_on);
-                // Diffuse light is kept; what is timed is a moved eye.
-                relighter.shade(camera.eye, Some(&view.points));
-                let start = Instant::now();
-                relighter.shade(camera.eye, Some(&view.points));
-                let frame = relighter.draw(&view, &|direction| light.environment.radiance(direction), false)?;
-                Ok((frame.image, start.elapsed().as_secs_f64()))
-            };
-            let ((direct, _), (full, frame_seconds)) = (picture(false)?, picture(true)?);
-            let halves = [&traced.half_a, &traced.half_b];
-            let metrics = |image: &Image| compare(image, &traced.image, &traced.mask, None, Some(halves));
-            let full_metrics = metrics(&full)?.mask;
-            rows.push(GlossyRow {
-                environment: light.name.clone(),
-                view: chart_view.name.clone(),
-                direct_relative_l2: metrics(&direct)?.mask.relative_l2,
-                relative_l2: full_metrics.relative_l2,
-                unbiased_relative_l2: unbiased_relative_l2(&full, halves, &traced.mask),
-                psnr_db: full_metrics.psnr_db,
-                frame_seconds,
-            });
-            let exposure = automatic_exposure(&traced.image, &traced.mask);
-            for (image, name) in [(&full, "lobes"), (&direct, "direct"), (&traced.image, "reference")] {
-                let png = expose(image, exposure).to_png()?;
-                let path = args.output.join(format!("paper-ld09-{}-{i}-{name}.png", light.name.replace(['/', '\\'], "_")));
-                write_atomically(&path, |out| out.write_all(&png))?;
-            }
-        }
-    }
-    if let Some(svg) = views.first().and_then(|view| mesh_svg(asset, &view.camera, size)) {
-        write_atomically(&args.output.join("paper-ld09-mesh.svg"), |out| out.write_all(svg.as_bytes()))?;
-    }
-    let split = baked.get("points_split").and_then(Value::as_u64).unwrap_or(0);
-    let text = glossy_text(&sizes, sizes.points - split.min(sizes.points), bake_seconds, &rows);
-    let path = args.output.join("paper-ld09.txt");
-    write_atomically(&path, |out| out.write_all(text.as_bytes()))?;
-    let mut summary = Summary::new();
-    summary.set("tables", path.display().to_string()).set("asset_digest", asset.manifest().asset_digest.to_string());
-    summary.set("sizes", serde_json::to_value(&sizes).map_err(anyhow::Error::new)?);
-    summary.set("points_first", sizes.points - split.min(sizes.points)).set("seconds.bake", bake_seconds);
-    summary.set("rows", serde_json::to_value(&rows).map_err(anyhow::Error::new)?).set_text(text);
     Ok(summary)
 }
 

@@ -7,6 +7,7 @@ mod bake;
 mod batch;
 mod budgets;
 mod chart;
+mod chart_ld09;
 mod check;
 mod completions;
 mod context;
