@@ -30,6 +30,8 @@ pub struct Settings {
     pub points: Vec<u64>,
     /// `[objects]` error that scene.toml asks for, where it does.
     pub budgets: Vec<Option<f64>>,
+    /// `[objects]` what each object has without a budget.
+    pub unbudgeted: Vec<PointParams>,
     /// What the budgets chose; empty before [`Settings::meet_budgets`] and where there are none.
     pub choices: Vec<Choice>,
 }
@@ -81,7 +83,8 @@ impl Settings {
         let known = derived.as_ref().map(|density| (start.with_edge_length(edge_length), &density.points[..]));
         let points = count_points(scene, world, &options.points, known)?;
         let budgets = objects.iter().map(|object| object.max_error).collect();
-        Ok(Settings { options, edge_length, derived: pinned.is_none(), points, budgets, choices: Vec::new() })
+        let unbudgeted = options.points.clone();
+        Ok(Settings { options, edge_length, derived: pinned.is_none(), points, budgets, unbudgeted, choices: Vec::new() })
     }
 
     /// Chooses the edge length of every object that has a budget of error; does nothing where none has.

@@ -83,7 +83,10 @@ fn help_lists_every_verb_and_every_verb_explains_itself() {
             "render",
             "--environment --size --camera --eye --look-at --fov --exposure --rotate --samples --clay --reference --split --reference-only",
         ),
-        ("chart", "--output --environment --size --views --reference --samples --timed-points --paper --quality"),
+        (
+            "chart",
+            "--output --environment --size --views --reference --samples --timed-points --paper --against --budgets --stability --quality",
+        ),
         ("inspect", "--map --output"),
         ("diff", "--fail-above"),
         ("init", "--output --force"),

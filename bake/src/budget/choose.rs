@@ -13,9 +13,14 @@ use rayon::prelude::*;
 /// Places of an object at which a candidate is judged.
 pub const PLACES: usize = 96;
 /// Candidates, as shares of the edge length that the object would have without a budget. The last is the finest that a budget may ask for.
-const LENGTHS: [f32; 5] = [8.0, 4.0, 2.0, 1.0, 0.5];
+pub(super) const LENGTHS: [f32; 5] = [8.0, 4.0, 2.0, 1.0, 0.5];
 /// A candidate is taken only if it stays below this share of the budget: places are few, and other lights are not the probes.
-const MARGIN: f64 = 0.85;
+pub(super) const MARGIN: f64 = 0.85;
+
+/// A candidate: an edge length in units of the object's own.
+pub(super) fn at_share(params: &PointParams, share: f32) -> PointParams {
+    PointParams { coarser: true, ..params.with_edge_length(params.edge_length * share) }
+}
 
 /// What was chosen for an object.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,7 +61,7 @@ pub fn choose(
         let mut last = None;
         for share in LENGTHS {
             check(progress)?;
-            let candidate = PointParams { coarser: true, ..params[object].with_edge_length(params[object].edge_length * share) };
+            let candidate = at_share(&params[object], share);
             let plan = plan_object(scene, world, object, &candidate)?;
             let predicted = measure_planned(&plan, world, occluders, candidate.edge_length, &probes, PLACES).relative_l2();
             let is_met = predicted <= MARGIN * budget;

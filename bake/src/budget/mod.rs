@@ -13,9 +13,12 @@
 //! **Choice** ([`choose()`]): per object the longest of a few edge lengths that meets its budget. Its points, the work of a bake and its bytes all
 //! grow as the edge length falls, so the longest is the cheapest. Where even the shortest misses, it is taken, and the object is declared.
 //!
+//! Whether choosing per object pays is measured by [`knapsack`].
+//!
 //! Glossy light is not in it: a budget says nothing about highlights. Visibility of *true* is one sample a texel.
 
 mod choose;
+pub mod knapsack;
 mod measure;
 pub mod probes;
 

@@ -1,9 +1,10 @@
 //! A chart against an older one: what got slower, larger or less accurate.
 //!
-//! Rows are the same where scene, environment, view, technique and budget are, and so is the size of the picture. Times are CPU time of one
+//! Rows are the same where scene, environment, view, motion, technique and budget are (charts without motion are of stills), and so is the size of the picture. Times are CPU time of one
 //! thread and vary by ten percent and more between runs, so they count from [`SLOWER`] on; errors and bytes are the same bits in every run
 //! of the same code, so they count from [`WORSE`] on.
 
+use super::motion::Motion;
 use super::row::{CONTEXT, Row, fields};
 use serde::Serialize;
 use std::collections::HashMap;
@@ -16,8 +17,8 @@ pub const WORSE: f64 = 0.01;
 /// A figure that is not as it was.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Difference {
-    /// Environment, view, technique and budget.
-    pub row: [String; 4],
+    /// Environment, view, motion, technique and budget.
+    pub row: [String; 5],
     /// Name of the column.
     pub column: &'static str,
     /// In the older chart.
@@ -59,13 +60,18 @@ pub fn against(text: &str, context: &[String; 6], rows: &[Row]) -> Result<Agains
     let column = |name: &str| head.iter().position(|column| column == name).ok_or(format!("it has no column `{name}`"));
     let kept = ["scene", "width", "height", "environment", "view", "technique", "budget"];
     let keys: Vec<usize> = kept.into_iter().map(column).collect::<Result<_, _>>()?;
+    let motion = column("motion").ok();
     let values: Vec<usize> = COLUMNS.iter().map(|(name, ..)| column(name)).collect::<Result<_, _>>()?;
     let mut before: HashMap<Vec<String>, Vec<Option<f64>>> = HashMap::new();
     for (number, line) in lines.enumerate() {
         if line.len() != head.len() {
             return Err(format!("line {} has {} values, the head {}", number + 2, line.len(), head.len()));
         }
-        before.insert(keys.iter().map(|i| line[*i].clone()).collect(), values.iter().map(|i| line[*i].parse().ok()).collect());
+        let motion = motion.map_or(Motion::Still.name().to_string(), |at| line[at].clone());
+        before.insert(
+            keys.iter().map(|i| line[*i].clone()).chain([motion]).collect(),
+            values.iter().map(|i| line[*i].parse().ok()).collect(),
+        );
     }
     let mut found = Against::default();
     for row in rows {
@@ -74,7 +80,8 @@ pub fn against(text: &str, context: &[String; 6], rows: &[Row]) -> Result<Agains
             Some(i) => context[i].clone(),
             None => named[name].clone(),
         };
-        let Some(old) = before.get(kept.map(of).as_slice()) else {
+        let key: Vec<String> = kept.map(of).into_iter().chain([row.motion.clone()]).collect();
+        let Some(old) = before.get(&key) else {
             found.unknown += 1;
             continue;
         };
@@ -83,7 +90,7 @@ pub fn against(text: &str, context: &[String; 6], rows: &[Row]) -> Result<Agains
             let (Some(before), Ok(now)) = (*before, named[*column].parse::<f64>()) else { continue };
             let margin = if *is_time { SLOWER } else { WORSE };
             if (now - before).abs() > smallest.max(margin * before.abs()) {
-                let row = ["environment", "view", "technique", "budget"].map(|name| named[name].clone());
+                let row = ["environment", "view", "motion", "technique", "budget"].map(|name| named[name].clone());
                 found.differences.push(Difference { row, column, before, now, is_worse: now > before });
             }
         }
@@ -103,9 +110,12 @@ impl Against {
     pub fn lines(&self, listed: usize) -> Vec<String> {
         let one = |d: &Difference| {
             let word = if d.is_worse { "WORSE" } else { "better" };
-            let [environment, view, technique, budget] = &d.row;
+            let [environment, view, motion, technique, budget] = &d.row;
             let (column, percent) = (d.column.replace('_', " "), 100.0 * (d.now / d.before - 1.0));
-            format!("{word}: {technique} {budget}, {environment}, {view}: {column} {:.4} -> {:.4} ({percent:+.0} %)", d.before, d.now)
+            format!(
+                "{word}: {technique} {budget}, {environment}, {view}, {motion}: {column} {:.4} -> {:.4} ({percent:+.0} %)",
+                d.before, d.now
+            )
         };
         let mut lines: Vec<String> = self.differences.iter().take(listed).map(one).collect();
         if self.differences.len() > listed {
@@ -148,6 +158,7 @@ mod tests {
         Row {
             technique: technique.into(),
             environment: "a, \"b\"".into(),
+            motion: Motion::Still.name().into(),
             ns_per_point: ns,
             points_relative_l2: Some(error),
             ..Row::default()
@@ -164,7 +175,7 @@ mod tests {
         let now = [row("a", 140.0, 0.01), row("b", 110.0, 0.02), row("c", 60.0, 0.01), row("d", 1.0, 1.0)];
         let found = against(&old, &context("room"), &now).unwrap();
         assert_eq!((found.compared, found.unknown, found.worse()), (3, 1, 2));
-        let told: Vec<(&str, &str, bool)> = found.differences.iter().map(|d| (d.row[2].as_str(), d.column, d.is_worse)).collect();
+        let told: Vec<(&str, &str, bool)> = found.differences.iter().map(|d| (d.row[3].as_str(), d.column, d.is_worse)).collect();
         assert_eq!(told, [("b", "points_relative_l2", true), ("a", "ns_per_point", true), ("c", "ns_per_point", false)]);
         assert!(found.lines(2)[0].contains("WORSE: b") && found.lines(2).len() == 3);
         let other = against(&old, &context("hall"), &now).unwrap();

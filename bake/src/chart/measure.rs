@@ -82,7 +82,7 @@ pub fn measure(
         let start = thread_nanoseconds();
         let baked: Vec<BakedPatch> = sample.iter().map(|patch| BakedPatch::new(technique, tables, &asset.patches[*patch])).collect();
         let conversion_ns = (thread_nanoseconds() - start) / n_points.max(1) as f64;
-        let bytes: usize = baked.iter().zip(sample).map(|(baked, patch)| baked.bytes(&asset.patches[*patch])).sum();
+        let bytes: usize = baked.iter().zip(sample).map(|(baked, patch)| baked.bytes(technique, &asset.patches[*patch])).sum();
         let measured =
             Measured { bytes_per_point: bytes as f64 / n_points.max(1) as f64, prepare_seconds, conversion_ns, ..Measured::default() };
         states.push(State { technique, prepared, baked, measured, spent: Vec::new(), out: Vec::new() });
@@ -115,7 +115,10 @@ pub fn measure(
             times[times.len() / 2]
         };
         (state.measured.ns_per_point, state.measured.projection_ns) = (median(0), median(1));
-        (state.measured.relative_l2, state.measured.psnr_db) = errors(asset, sample, state, &truth, eye)?;
+        if state.technique.is_direct() {
+            let compared = compared(asset, sample, state.technique, &state.out, &truth, eye);
+            (state.measured.relative_l2, state.measured.psnr_db) = errors(&compared)?;
+        }
     }
     Ok(states.into_iter().map(|state| state.measured).collect())
 }
@@ -130,7 +133,7 @@ struct State {
 }
 
 /// How many points of a patch a technique is measured on.
-fn points_of(technique: Technique, points: usize) -> usize {
+pub(super) fn points_of(technique: Technique, points: usize) -> usize {
     match technique {
         Technique::HaarTriple { .. } => points.min(HAAR_POINTS),
         _ => points,
@@ -138,9 +141,16 @@ fn points_of(technique: Technique, points: usize) -> usize {
 }
 
 /// Radiance toward the eye of points that are compared, per patch of the sample: index in the patch and colour.
-type Truth = Vec<Vec<(usize, [f32; 3])>>;
+pub(super) type Truth = Vec<Vec<(usize, [f32; 3])>>;
 
-fn oracle(asset: &Asset, sample: &[usize], light: &LightCubemap, eye: [f32; 3], progress: &dyn Progress) -> Result<Truth, BakeError> {
+/// The sum over texels at every [`ORACLE_STEP`]th point and the first [`HAAR_POINTS`] of each patch.
+pub(super) fn oracle(
+    asset: &Asset,
+    sample: &[usize],
+    light: &LightCubemap,
+    eye: [f32; 3],
+    progress: &dyn Progress,
+) -> Result<Truth, BakeError> {
     use rayon::prelude::*;
     let patch = |patch: &usize| {
         check(progress)?;
@@ -180,13 +190,23 @@ fn radiance(surface: &GltfSurface, n: [f32; 3], v: [f32; 3], irradiance: &[[f32;
     std::array::from_fn(|c| diffuse[c] * dot(irradiance[c], n).max(0.0) + f0[c] * glossy[0][c] + glossy[1][c])
 }
 
-/// Relative L2 and PSNR over the compared points that the technique was measured on: an image of one row, so that the marks are those of pictures.
-fn errors(asset: &Asset, sample: &[usize], state: &State, truth: &Truth, eye: [f32; 3]) -> Result<(Option<f64>, Option<f64>), BakeError> {
+/// Shown and true radiance of the points that a technique was measured on and the oracle knows.
+pub(super) type Compared = [Vec<[f32; 3]>; 2];
+
+/// Gathers them, patch by patch.
+pub(super) fn compared(
+    asset: &Asset,
+    sample: &[usize],
+    technique: Technique,
+    out: &[PatchLight],
+    truth: &Truth,
+    eye: [f32; 3],
+) -> Compared {
     let (mut test, mut reference) = (Vec::new(), Vec::new());
-    for ((patch, out), truth) in sample.iter().zip(&state.out).zip(truth) {
+    for ((patch, out), truth) in sample.iter().zip(out).zip(truth) {
         let patch = &asset.patches[*patch];
         let (position, surfaces) = (patch.points().position, patch.surfaces());
-        let count = points_of(state.technique, patch.points.len());
+        let count = points_of(technique, patch.points.len());
         for (point, expected) in truth.iter().filter(|(point, _)| *point < count) {
             let (n, point) = (surfaces.normal[*point], *point);
             let surface = surface(&surfaces, point);
@@ -195,10 +215,15 @@ fn errors(asset: &Asset, sample: &[usize], state: &State, truth: &Truth, eye: [f
             reference.push(*expected);
         }
     }
+    [test, reference]
+}
+
+/// Relative L2 and PSNR: an image of one row, so that the marks are those of pictures.
+pub(super) fn errors([test, reference]: &Compared) -> Result<(Option<f64>, Option<f64>), BakeError> {
     if reference.is_empty() {
         return Ok((None, None));
     }
-    let row = |pixels: Vec<[f32; 3]>| Image { width: pixels.len(), height: 1, pixels };
+    let row = |pixels: &Vec<[f32; 3]>| Image { width: pixels.len(), height: 1, pixels: pixels.clone() };
     let metrics = compare(&row(test), &row(reference), &[], None, None)?;
     Ok((metrics.mask.relative_l2, metrics.mask.psnr_db))
 }

@@ -12,9 +12,12 @@
 //! | [`technique`] | what is charted, and its sizes |
 //! | [`views`] | where from; which views are held back |
 //! | [`prepared`] | lights prepared for all techniques, and shading one patch with one of them |
+//! | [`motion`] | the same while light or eye moves: temporal error |
+//! | [`thumbnail`] | small pictures, and pictures of errors |
 //! | [`truth`] | reference images as bytes, kept between runs |
 //! | [`row`] | a line of the table, CSV, JSON, Pareto fronts |
-//! | [`svg`], [`page`] | what people look at |
+//! | [`svg`], [`page`], [`look`] | what people look at |
+//! | [`stability`] | where methods fail, each with a bound |
 //! | [`against`] | what changed since an older chart |
 //! | [`paper`] | the tables and figures of \[IFL\] |
 //! | [`glossy`], [`uniform`] | the tables and figures of \[LD09\] |
@@ -24,18 +27,23 @@
 pub mod against;
 mod clock;
 pub mod glossy;
+pub mod look;
 pub mod measure;
+pub mod motion;
 pub mod page;
 pub mod paper;
 pub mod picture;
 pub mod prepared;
 pub mod row;
+pub mod stability;
 pub mod svg;
 pub mod technique;
+pub mod thumbnail;
 pub mod truth;
 pub mod uniform;
 pub mod views;
 
 pub use clock::{process_seconds, thread_nanoseconds};
+pub use motion::Motion;
 pub use row::Row;
 pub use technique::Technique;

@@ -9,6 +9,7 @@ use prelight_runtime::asset::mesh::Mesh;
 use prelight_runtime::draw::raster::Visibility;
 use prelight_runtime::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use prelight_runtime::environment::{Environment, LightCubemap};
+use prelight_runtime::vmf_transfer::pixel::{EyeLobes, PixelLobes};
 use rayon::prelude::*;
 
 /// What a camera sees of an asset, kept for all techniques and lights.
@@ -68,11 +69,18 @@ impl PictureView {
         };
         let lights: Vec<PatchLight> =
             self.patches.par_iter().map_init(|| Shader::new(light.face_resolution), shade).collect::<Result<_, BakeError>>()?;
-        let mut all = PatchLight { irradiance: vec![[[0.0; 3]; 3]; asset.n_points()], glossy: vec![[[0.0; 3]; 2]; asset.n_points()] };
+        let (n, filtered) = (asset.n_points(), prepared.filtered());
+        let mut all = PatchLight { irradiance: vec![[[0.0; 3]; 3]; n], glossy: vec![[[0.0; 3]; 2]; n], lobes: Vec::new() };
+        if filtered.is_some() {
+            all.lobes.resize(n, EyeLobes::default());
+        }
         for (patch, light) in self.patches.iter().zip(lights) {
             let range = asset.patches[*patch].points.clone();
             all.irradiance[range.clone()].copy_from_slice(&light.irradiance);
-            all.glossy[range].copy_from_slice(&light.glossy);
+            all.glossy[range.clone()].copy_from_slice(&light.glossy);
+            if !light.lobes.is_empty() {
+                all.lobes[range].copy_from_slice(&light.lobes);
+            }
         }
         let objects: Vec<DrawObject> = (asset.objects.iter().enumerate())
             .map(|(i, object)| DrawObject {
@@ -80,7 +88,7 @@ impl PictureView {
                 irradiance: &all.irradiance[object.points.clone()],
                 glossy: &all.glossy[object.points.clone()],
                 coat: &[],
-                lobes: None,
+                lobes: filtered.map(|light| PixelLobes { light, lobes: &all.lobes[object.points.clone()] }),
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();

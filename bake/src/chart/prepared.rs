@@ -9,6 +9,14 @@ use prelight_runtime::baseline::sh_product::{self, ShLight, ShPoints, Visibility
 use prelight_runtime::block_product::visibility::open_words;
 use prelight_runtime::block_product::{Glossy, Light, SimdPath, shade_diffuse, shade_glossy_with};
 use prelight_runtime::environment::LightCubemap;
+use prelight_runtime::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
+use prelight_runtime::vmf_transfer::FilteredLight;
+use prelight_runtime::vmf_transfer::pixel::EyeLobes;
+use prelight_runtime::vmf_transfer::shade::{add_glossy, add_irradiance};
+use prelight_runtime::vmf_transfer::transfer::{Record, Transfer};
+
+/// Tolerance of the direct light below lobes: far below what lobes lose.
+const LOBES_TOLERANCE: f32 = 1e-3;
 
 /// Light at points: what drawing needs.
 #[derive(Clone, Debug, Default)]
@@ -17,6 +25,8 @@ pub struct PatchLight {
     pub irradiance: Vec<[[f32; 3]; 3]>,
     /// `[points][term][channel]`, W·sr⁻¹·m⁻².
     pub glossy: Vec<Glossy>,
+    /// `[points]` lobes toward the eye; empty where the technique has none.
+    pub lobes: Vec<EyeLobes>,
 }
 
 /// Tables that depend on the cubemap's size alone.
@@ -53,7 +63,7 @@ impl BakedPatch {
     pub fn new(technique: Technique, tables: &Tables, patch: &AssetPatch) -> Self {
         let (visibility, n) = (patch.visibility(), tables.face_resolution);
         match technique {
-            Technique::BlockProduct { .. } => BakedPatch::Chunk,
+            Technique::BlockProduct { .. } | Technique::VmfTransfer => BakedPatch::Chunk,
             Technique::PixelSums => {
                 let mut bits = vec![0; visibility.len() * open_words(n)];
                 for (point, words) in bits.chunks_exact_mut(open_words(n)).enumerate() {
@@ -75,25 +85,32 @@ impl BakedPatch {
         }
     }
 
-    /// Bytes that shading reads of the visibility of all points of the patch.
-    pub fn bytes(&self, patch: &AssetPatch) -> usize {
-        match self {
-            BakedPatch::Chunk => {
-                let visibility = patch.visibility();
-                let n = visibility.len();
-                // 64 bytes of padding and the array of starts belong to the patch.
-                let point = |point: usize| {
-                    let point = visibility.point(point);
-                    let parts = point.fractions.map_or(0, |parts| 4 + size_of_val(parts.blocks) + parts.counts.len() + 2 * parts.len());
-                    4 + size_of_val(point.blocks) + point.counts.len() + point.transitions() + parts
-                };
-                68 + (0..n).map(point).sum::<usize>()
+    /// Bytes that shading reads of the visibility of all points of the patch; of its lobes too where the technique has them.
+    pub fn bytes(&self, technique: Technique, patch: &AssetPatch) -> usize {
+        let lobes = if technique == Technique::VmfTransfer { patch.transfer().map_or(0, |lobes| lobes_bytes(&lobes)) } else { 0 };
+        lobes
+            + match self {
+                BakedPatch::Chunk => {
+                    let visibility = patch.visibility();
+                    let n = visibility.len();
+                    // 64 bytes of padding and the array of starts belong to the patch.
+                    let point = |point: usize| {
+                        let point = visibility.point(point);
+                        let parts = point.fractions.map_or(0, |parts| 4 + size_of_val(parts.blocks) + parts.counts.len() + 2 * parts.len());
+                        4 + size_of_val(point.blocks) + point.counts.len() + point.transitions() + parts
+                    };
+                    68 + (0..n).map(point).sum::<usize>()
+                }
+                BakedPatch::Bits(bits) => size_of_val(&bits[..]),
+                BakedPatch::Trees(trees) => trees.iter().map(VisibilityTree::bytes).sum(),
+                BakedPatch::Harmonics(all) => size_of_val(&all[..]),
             }
-            BakedPatch::Bits(bits) => size_of_val(&bits[..]),
-            BakedPatch::Trees(trees) => trees.iter().map(VisibilityTree::bytes).sum(),
-            BakedPatch::Harmonics(all) => size_of_val(&all[..]),
-        }
     }
+}
+
+/// Records of all points; their levels and starts are a few bytes more.
+fn lobes_bytes(lobes: &Transfer) -> usize {
+    (0..lobes.len()).map(|i| size_of::<Record>() * lobes.point(i).n_records()).sum()
 }
 
 /// A light prepared for one technique at one budget.
@@ -106,6 +123,8 @@ pub enum PreparedLight {
     Haar(HaarTree),
     /// A matrix.
     Harmonics(ShLight),
+    /// Suffix sums, and one map a width of lobes.
+    Lobes(Box<(Light, FilteredLight, Icosahedron)>),
 }
 
 impl PreparedLight {
@@ -118,6 +137,17 @@ impl PreparedLight {
                 PreparedLight::Haar(HaarTree::from_light(light, kept_coefficients(light.face_resolution, share)))
             }
             Technique::ShProduct { bands } => PreparedLight::Harmonics(ShLight::new(light, bands)),
+            Technique::VmfTransfer => {
+                PreparedLight::Lobes(Box::new((Light::prepare(light), FilteredLight::prepare(light), Icosahedron::new(MAX_LEVEL))))
+            }
+        }
+    }
+
+    /// The light that pixels look lobes up in.
+    pub fn filtered(&self) -> Option<&FilteredLight> {
+        match self {
+            PreparedLight::Lobes(prepared) => Some(&prepared.1),
+            _ => None,
         }
     }
 }
@@ -127,6 +157,8 @@ const HAAR_RUN: usize = 16;
 
 /// Buffers of one thread.
 pub struct Shader {
+    /// Only the eye moved since the last call with these buffers: techniques that can keep diffuse light do.
+    pub only_view_moved: bool,
     path: SimdPath,
     sampler: LobeSampler,
     projector: HaarProjector,
@@ -147,6 +179,7 @@ impl Shader {
     /// Buffers for a face resolution.
     pub fn new(face_resolution: usize) -> Self {
         Shader {
+            only_view_moved: false,
             path: SimdPath::detect(),
             sampler: LobeSampler::new(face_resolution),
             projector: HaarProjector::new(face_resolution),
@@ -178,13 +211,18 @@ impl Shader {
         };
         let start = thread_nanoseconds();
         let mut projection = 0.0;
+        let is_lit = self.only_view_moved && technique.keeps_diffuse();
         match (technique, light, baked) {
             (Technique::BlockProduct { tolerance }, PreparedLight::Blocks(light), BakedPatch::Chunk) => {
-                shade_diffuse(light, &visibility, &mut out.irradiance);
+                if !is_lit {
+                    shade_diffuse(light, &visibility, &mut out.irradiance);
+                }
                 shade_glossy_with(self.path, tolerance, light, position, &surfaces, &visibility, eye, &mut out.glossy);
             }
             (Technique::PixelSums, PreparedLight::Pixels(light), BakedPatch::Bits(open)) => {
-                dense::vector_tiled(self.path, &light.0, open, &mut out.irradiance);
+                if !is_lit {
+                    dense::vector_tiled(self.path, &light.0, open, &mut out.irradiance);
+                }
                 shade_glossy_with(self.path, 0.0, &light.1, position, &surfaces, &visibility, eye, &mut out.glossy);
             }
             (Technique::HaarTriple { share }, PreparedLight::Haar(light), BakedPatch::Trees(trees)) => {
@@ -212,6 +250,21 @@ impl Shader {
                 let points =
                     ShPoints { visibility: coefficients, normal: surfaces.normal, view: &self.view, roughness: surfaces.roughness };
                 sh_product::shade(self.path, light, points, &mut out.irradiance, &mut out.glossy);
+            }
+            (Technique::VmfTransfer, PreparedLight::Lobes(prepared), BakedPatch::Chunk) => {
+                let (light, filtered, solid) = &**prepared;
+                let transfer = patch.transfer();
+                if !is_lit {
+                    shade_diffuse(light, &visibility, &mut out.irradiance);
+                }
+                shade_glossy_with(self.path, LOBES_TOLERANCE, light, position, &surfaces, &visibility, eye, &mut out.glossy);
+                if let Some(transfer) = &transfer {
+                    if !is_lit {
+                        add_irradiance(filtered, transfer, patch.points().normal, &mut out.irradiance);
+                    }
+                    out.lobes.resize(n, EyeLobes::default());
+                    add_glossy(filtered, solid, transfer, position, surfaces.normal, eye, &mut out.glossy, &mut out.lobes);
+                }
             }
             _ => unreachable!("light and patch were prepared for another technique"),
         }

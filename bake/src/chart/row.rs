@@ -1,5 +1,6 @@
 //! A line of the table: one technique at one budget in one cell.
 
+use super::motion::Motion;
 use serde::{Deserialize, Serialize};
 
 /// Every figure of a technique in a cell. Times are CPU time of one thread.
@@ -11,6 +12,8 @@ pub struct Row {
     pub view: String,
     /// No constant was ever chosen by looking from here.
     pub held_back: bool,
+    /// `still`, `moving light` or `moving view`.
+    pub motion: String,
     /// Name of the technique.
     pub technique: String,
     /// Its budget.
@@ -38,17 +41,30 @@ pub struct Row {
     /// Of the picture.
     pub psnr_db: Option<f64>,
     /// Of the picture.
-    pub flip: f64,
+    pub flip: Option<f64>,
     /// Relative L2 of the noise in the reference.
     pub reference_noise: Option<f64>,
     /// The path tracer's CPU time per pixel at the error of this picture.
     pub reference_ns_per_pixel: Option<f64>,
+    /// Of what moves: 99.9th percentile of |Δours − Δtruth| between frames over points, in steps of 1/255 of the display.
+    pub temporal_p999: Option<f64>,
+    /// The most of the same.
+    pub temporal_max: Option<f64>,
     /// No other row of the cell is both faster and closer to `pixel_product`.
     pub pareto_points: bool,
     /// No other row of the cell is both faster and closer to the path tracer.
     pub pareto_picture: bool,
     /// No other row of the cell is both smaller and closer to `pixel_product`.
     pub pareto_bytes: bool,
+}
+
+impl Row {
+    /// What a frame costs a point, nanoseconds: shading, projecting the surface where that is needed, and, while the light moves, its share of
+    /// preparing the light for the points in view.
+    pub fn frame_ns(&self) -> f64 {
+        let light = if self.motion == Motion::Light.name() { 1e9 * self.prepare_seconds / self.points_in_view.max(1) as f64 } else { 0.0 };
+        self.ns_per_point + self.projection_ns + light
+    }
 }
 
 /// Which of `(cost, error)` no other beats in both; equal ones stay together. NaN is never on the front.
@@ -65,8 +81,7 @@ pub fn mark_fronts(rows: &mut [Row]) {
         let points: Vec<(f64, f64)> = rows.iter().map(pair).map(|(cost, error)| (cost, error.unwrap_or(f64::NAN))).collect();
         pareto(&points)
     };
-    // Where the surface must be projected, that is part of the price.
-    let time = |row: &Row| row.ns_per_point + row.projection_ns;
+    let time = Row::frame_ns;
     let points = front(&|row| (time(row), row.points_relative_l2));
     let picture = front(&|row| (time(row), row.unbiased_relative_l2));
     let bytes = front(&|row| (row.bytes_per_point, row.points_relative_l2));
@@ -96,6 +111,7 @@ pub fn fields(row: &Row) -> Vec<(String, String)> {
         environment,
         view,
         held_back,
+        motion,
         technique,
         budget,
         ns_per_point,
@@ -112,15 +128,18 @@ pub fn fields(row: &Row) -> Vec<(String, String)> {
         flip,
         reference_noise,
         reference_ns_per_pixel,
+        temporal_p999,
+        temporal_max,
         pareto_points,
         pareto_picture,
         pareto_bytes,
     } = row;
     let optional = |value: &Option<f64>| value.map_or(String::new(), significant);
-    let named: [(&str, String); 22] = [
+    let named: [(&str, String); 25] = [
         ("environment", environment.clone()),
         ("view", view.clone()),
         ("held_back", held_back.to_string()),
+        ("motion", motion.clone()),
         ("technique", technique.clone()),
         ("budget", budget.clone()),
         ("ns_per_point", significant(*ns_per_point)),
@@ -134,9 +153,11 @@ pub fn fields(row: &Row) -> Vec<(String, String)> {
         ("relative_l2", optional(relative_l2)),
         ("unbiased_relative_l2", optional(unbiased_relative_l2)),
         ("psnr_db", optional(psnr_db)),
-        ("flip", significant(*flip)),
+        ("flip", optional(flip)),
         ("reference_noise", optional(reference_noise)),
         ("reference_ns_per_pixel", optional(reference_ns_per_pixel)),
+        ("temporal_p999", optional(temporal_p999)),
+        ("temporal_max", optional(temporal_max)),
         ("pareto_points", pareto_points.to_string()),
         ("pareto_picture", pareto_picture.to_string()),
         ("pareto_bytes", pareto_bytes.to_string()),

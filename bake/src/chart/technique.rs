@@ -1,5 +1,7 @@
 //! What is charted.
 
+use prelight_runtime::asset::Asset;
+
 /// A technique at one budget.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Technique {
@@ -20,10 +22,12 @@ pub enum Technique {
         /// 5: 25 coefficients, 10: 100.
         bands: usize,
     },
+    /// Block products with the lobes of \[LD09\] for light that came over another surface; only of assets that have lobes.
+    VmfTransfer,
 }
 
 impl Technique {
-    /// Everything, in the order of tables.
+    /// All that show direct light, in the order of tables.
     pub const ALL: [Technique; 10] = [
         Technique::BlockProduct { tolerance: 1e-1 },
         Technique::BlockProduct { tolerance: 1e-2 },
@@ -37,6 +41,22 @@ impl Technique {
         Technique::ShProduct { bands: 10 },
     ];
 
+    /// What can be charted of an asset: [`Technique::ALL`], and lobes where there are any.
+    pub fn of(asset: &Asset) -> Vec<Technique> {
+        let has_lobes = asset.patches.iter().any(|patch| patch.transfer().is_some());
+        Self::ALL.into_iter().chain(has_lobes.then_some(Technique::VmfTransfer)).collect()
+    }
+
+    /// Whether `pixel_product` is its truth at points: lobes add light that it has not.
+    pub fn is_direct(&self) -> bool {
+        *self != Technique::VmfTransfer
+    }
+
+    /// Whether diffuse light is kept while only the eye moves.
+    pub fn keeps_diffuse(&self) -> bool {
+        matches!(self, Technique::BlockProduct { .. } | Technique::PixelSums | Technique::VmfTransfer)
+    }
+
     /// Name of the technique without its budget.
     pub fn name(&self) -> &'static str {
         match self {
@@ -44,6 +64,7 @@ impl Technique {
             Technique::PixelSums => "pixel_sums",
             Technique::HaarTriple { .. } => "haar_triple",
             Technique::ShProduct { .. } => "sh_product",
+            Technique::VmfTransfer => "vmf_transfer",
         }
     }
 
@@ -54,6 +75,7 @@ impl Technique {
             Technique::PixelSums => "all texels".to_string(),
             Technique::HaarTriple { share } => format!("{} %", 100.0 * share),
             Technique::ShProduct { bands } => format!("{} coefficients", bands * bands),
+            Technique::VmfTransfer => "one bounce".to_string(),
         }
     }
 }

@@ -9,7 +9,7 @@
 //! Between two meshes the line joins them; beyond the finest it goes on with the last slope, which is said. Source: \[LD09\] section 7, whose
 //! adaptive mesh has 10.5 % of the vertices of a uniform one of equal look; here looks are errors.
 
-use super::svg::{Mark, Plot};
+use super::svg::{Mark, Plot, Unit};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -89,6 +89,11 @@ pub fn uniform_plot(adaptive: &MeshError, uniform: &[MeshError]) -> Plot {
     let mark = |series: &str, mesh: &MeshError| Mark {
         series: series.to_string(),
         label: format!("{:.1} mm", 1e3 * mesh.edge_length),
+        hover: vec![
+            format!("{series}, edges of {:.2} mm", 1e3 * mesh.edge_length),
+            format!("{} points, {} bytes", mesh.points, mesh.bytes),
+        ],
+        row: 0,
         cost: mesh.points as f64,
         error: mesh.error,
         is_front: series == "adaptive",
@@ -96,6 +101,7 @@ pub fn uniform_plot(adaptive: &MeshError, uniform: &[MeshError]) -> Plot {
     Plot {
         title: "Adaptive against uniform meshes".to_string(),
         cost_name: "points".to_string(),
+        unit: Unit::Number,
         error_name: "relative L2".to_string(),
         marks: std::iter::once(mark("adaptive", adaptive)).chain(uniform.iter().map(|mesh| mark("uniform", mesh))).collect(),
         line: None,

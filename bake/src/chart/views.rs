@@ -47,16 +47,16 @@ fn around(cameras: &[(String, Camera)], count: usize) -> Vec<ChartView> {
         if turn == 0.0 {
             views.push(ChartView { name: name.clone(), camera: *camera, held_back });
         } else {
-            views.push(ChartView { name: format!("{name} {turn:+}"), camera: turned(camera, turn), held_back });
+            views.push(ChartView { name: format!("{name} {turn:+}"), camera: orbited(camera, turn, NEARER), held_back });
         }
     }
     views
 }
 
-/// About the vertical through what it looks at, and nearer.
-fn turned(camera: &Camera, degrees: f64) -> Camera {
+/// About the vertical through what it looks at, at `share` of its distance.
+pub fn orbited(camera: &Camera, degrees: f64, share: f64) -> Camera {
     let (sine, cosine) = (libm::sin(degrees.to_radians()), libm::cos(degrees.to_radians()));
-    let away: [f64; 3] = std::array::from_fn(|k| NEARER * f64::from(camera.eye[k] - camera.look_at[k]));
+    let away: [f64; 3] = std::array::from_fn(|k| share * f64::from(camera.eye[k] - camera.look_at[k]));
     let away = [cosine * away[0] + sine * away[2], away[1], cosine * away[2] - sine * away[0]];
     let eye = std::array::from_fn(|k| (f64::from(camera.look_at[k]) + away[k]) as f32);
     Camera { eye, ..*camera }

@@ -105,6 +105,12 @@ pub fn finite(text: &str) -> Result<f32, String> {
     if number.is_finite() { Ok(number) } else { Err(format!("`{text}` is not a finite number")) }
 }
 
+/// An error that is asked for: relative L2 above 0, at most 1.
+pub fn max_error(text: &str) -> Result<f64, String> {
+    let error: f64 = text.parse().map_err(|_| "expected an error, for example 0.05".to_string())?;
+    if error > 0.0 && error <= 1.0 { Ok(error) } else { Err("expected an error above 0, at most 1".to_string()) }
+}
+
 /// A finite number above zero.
 pub fn positive(text: &str) -> Result<f32, String> {
     finite(text).and_then(|number| if number > 0.0 { Ok(number) } else { Err("expected a number above 0".into()) })

@@ -3,7 +3,8 @@
 
 use super::args::BakeKnobs;
 use super::bake::bake_loaded;
-use super::chart::{ChartArgs, ChartLight};
+use super::chart::ChartArgs;
+use super::chart_cells::ChartLight;
 use super::loaded::Loaded;
 use super::opened::open_asset;
 use super::output::write_atomically;

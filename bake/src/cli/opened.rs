@@ -70,6 +70,16 @@ pub fn open_environment(asset: &Asset, name: &str, rotate: f32, context: &Contex
     Ok(environment.with_rotation(turned + f64::from(rotate)).with_intensity(intensity as f32))
 }
 
+/// An environment file, without a scene that could name it.
+pub fn read_environment_named(name: &str, context: &Context) -> Result<Environment, Failure> {
+    if !PathBuf::from(name).exists() {
+        return Err(Failure::text(ExitCode::Input, format!("there is no environment {name}\n  help: name an .hdr or .exr file")));
+    }
+    let (environment, warnings) = read_environment(&PathBuf::from(name), context.memory)?;
+    warnings.iter().for_each(|warning| context.progress().warning(warning));
+    Ok(environment)
+}
+
 /// The camera asked for: by name, by numbers, the scene's first, or one that frames the scene.
 pub fn camera(asset: &Asset, view: &ViewArgs) -> Result<Camera, Failure> {
     let mut camera = match (&view.camera, view.eye, view.look_at) {
