@@ -3,7 +3,7 @@
 use super::args::{BakeKnobs, SceneArgs};
 use super::bake::{RebakeArgs, bake_file};
 use super::chart_cells::{Chart, ChartLight};
-use super::opened::{open_asset, open_environment};
+use super::opened::{no_environment, open_asset, open_environment};
 use super::output::write_atomically;
 use super::reporter::clock;
 use super::{Context, ExitCode, Failure, Summary};
@@ -18,6 +18,7 @@ use prelight_bake::chart::row::to_csv;
 use prelight_bake::chart::views::{ChartView, views};
 use prelight_bake::chart::{Motion, Row, Technique, measure};
 use prelight_bake::progress::check;
+use prelight_bake::scene::input::SceneInput;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::block_product::SimdPath;
 use prelight_runtime::environment::LightCubemap;
@@ -98,6 +99,7 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
     }
     let start = Instant::now();
     // Before any work: a wrong path is a slip, and so is another kind of table.
+    let names = environments(&args)?;
     let older = match &args.against {
         Some(path) => {
             let older = String::from_utf8_lossy(&super::read::read(path, context.memory)?).into_owned();
@@ -115,7 +117,7 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
     let baked = bake_file(&args.scene.scene, Some(asset_path.clone()), &args.knobs, &RebakeArgs::default(), context)?;
     let bake_seconds = bake_seconds(&args.output, &baked, was_empty, context)?;
     let asset = open_asset(&asset_path, context)?;
-    let lights = lights(&args, &asset, context)?;
+    let lights = lights(names, &asset, context)?;
     let (width, height) = args.size;
     let size = [width as usize, height as usize];
     let views = views(&asset, width as f32 / height as f32, args.views as usize);
@@ -215,7 +217,8 @@ fn paper(args: &ChartArgs, asset: &Asset, lights: &[ChartLight], views: &[ChartV
     let sample = measure::sample(asset, args.timed_points as usize);
     let mut rows = Vec::new();
     for light in lights {
-        rows.extend(paper_rows(asset, &sample, views, (&light.name, &light.cubemap), context.progress())?);
+        let name = Path::new(&light.name).file_stem().map_or(light.name.as_str().into(), |stem| stem.to_string_lossy());
+        rows.extend(paper_rows(asset, &sample, views, (&name, &light.cubemap), context.progress())?);
     }
     let partly = partly_lit(asset, &sample);
     let text = paper_text(&rows, partly);
@@ -247,22 +250,29 @@ fn bake_seconds(folder: &Path, baked: &Summary, was_empty: bool, context: &Conte
     Ok(seconds)
 }
 
-fn lights(args: &ChartArgs, asset: &Asset, context: &Context) -> Result<Vec<ChartLight>, Failure> {
-    let known = asset.manifest().report.get("environments").and_then(Value::as_array).cloned().unwrap_or_default();
-    let mut names = args.environment.clone();
-    if names.is_empty() {
-        names = known.iter().filter_map(|entry| entry["name"].as_str()).map(str::to_string).collect();
-    }
-    if names.is_empty() {
-        let text = "the scene names no environment\n  help: -e sky.hdr, or [[environment]] in the scene.toml";
-        return Err(Failure::text(ExitCode::Input, text));
-    }
+fn lights(names: Vec<String>, asset: &Asset, context: &Context) -> Result<Vec<ChartLight>, Failure> {
     let light = |name: String| {
         let environment = open_environment(asset, &name, 0.0, context)?;
         let (cubemap, _) = LightCubemap::from_environment(&environment, asset.manifest().content.face_resolution as usize);
         Ok(ChartLight { name, environment, cubemap })
     };
     names.into_iter().map(light).collect()
+}
+
+/// Names of the environments: those asked for, or all of the scene's.
+fn environments(args: &ChartArgs) -> Result<Vec<String>, Failure> {
+    let manifest = SceneInput::open(&args.scene.scene)?.manifest;
+    if args.environment.is_empty() && manifest.environment.is_empty() {
+        let text = "the scene names no environment\n  help: -e sky.hdr, or [[environment]] in the scene.toml";
+        return Err(Failure::text(ExitCode::Input, text));
+    }
+    if args.environment.is_empty() {
+        return Ok(manifest.environment.into_iter().map(|entry| entry.name).collect());
+    }
+    match args.environment.iter().find(|name| manifest.environment(name).is_none() && !Path::new(name).exists()) {
+        Some(name) => Err(no_environment(name, manifest.environment.iter().map(|entry| entry.name.as_str()))),
+        None => Ok(args.environment.clone()),
+    }
 }
 
 /// CSV, one SVG per chart, the page; returns the page's path.

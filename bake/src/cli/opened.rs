@@ -57,23 +57,25 @@ pub fn open_environment(asset: &Asset, name: &str, rotate: f32, context: &Contex
         None => (PathBuf::from(name), 0.0, 1.0),
     };
     if entry.is_none() && !path.exists() {
-        let names: Vec<&str> = known.iter().filter_map(|entry| entry["name"].as_str()).collect();
-        let help = if names.is_empty() {
-            "name an .hdr or .exr file".to_string()
-        } else {
-            format!("name a file, or one of: {}", names.join(", "))
-        };
-        return Err(Failure::text(ExitCode::Input, format!("there is no environment {name}\n  help: {help}")));
+        return Err(no_environment(name, known.iter().filter_map(|entry| entry["name"].as_str())));
     }
     let (environment, warnings) = read_environment(&path, context.memory)?;
     warnings.iter().for_each(|warning| context.progress().warning(warning));
     Ok(environment.with_rotation(turned + f64::from(rotate)).with_intensity(intensity as f32))
 }
 
+/// Neither a file nor one of the scene's environments.
+pub fn no_environment<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Failure {
+    let names: Vec<&str> = known.collect();
+    let help =
+        if names.is_empty() { "name an .hdr or .exr file".to_string() } else { format!("name a file, or one of: {}", names.join(", ")) };
+    Failure::text(ExitCode::Input, format!("there is no environment {name}\n  help: {help}"))
+}
+
 /// An environment file, without a scene that could name it.
 pub fn read_environment_named(name: &str, context: &Context) -> Result<Environment, Failure> {
     if !PathBuf::from(name).exists() {
-        return Err(Failure::text(ExitCode::Input, format!("there is no environment {name}\n  help: name an .hdr or .exr file")));
+        return Err(no_environment(name, std::iter::empty()));
     }
     let (environment, warnings) = read_environment(&PathBuf::from(name), context.memory)?;
     warnings.iter().for_each(|warning| context.progress().warning(warning));
