@@ -6,13 +6,14 @@
 
 use super::bits::PatchBits;
 use super::delta::{Before, Delta};
-use super::light::PatchReach;
+use super::light::{LightPatch, PatchReach};
 use super::object::KnownPatch;
 use super::patch::{Candidate, PatchInputs, Resolution, Resolved, Shadowing, false_hit, resolve};
 use crate::bake::commit;
 use crate::error::BakeError;
-use crate::plan::buried::{BuriedProbe, local_edge};
+use crate::plan::buried::{BuriedProbe, Verdict, local_edge};
 use crate::plan::key::{BlindPoint, buried_key, buried_question};
+use crate::plan::shaft::Bounds;
 use crate::plan::tile::{TileSet, TileTable, tiles};
 use crate::plan::{ObjectPlan, Patch};
 use crate::progress::{Progress, check};
@@ -165,7 +166,7 @@ impl Tracer<'_> {
         if raster.in_part || touches.len() > MAX_TOUCHES {
             return Ok(None);
         }
-        let (mut visibility, mut chunk, mut is_reseen) = (taken.visibility, taken.chunk, false);
+        let (mut visibility, mut chunk) = (taken.visibility, taken.chunk);
         let (mut redone, mut changed) = (0, 0);
         if !touches.is_empty() {
             let before = Visibility::from_chunk(known.chunk)?;
@@ -177,18 +178,54 @@ impl Tracer<'_> {
                 let shape = vec![u64::from(task.patch.n_points)];
                 visibility = writer.put(ChunkKind::Visibility, Dtype::U8, shape, &bytes)?;
                 chunk = Chunk::from_plain(&bytes);
-                let now = Visibility::from_chunk(&chunk)?;
-                is_reseen = (0..before.len()).any(|i| before.point(i).is_blind() != now.point(i).is_blind());
             }
         }
-        let is_asked = changes.gone.iter().chain(&changes.new).any(|piece| light.reach.asks_about(piece));
+        let all = changes.gone.iter().chain(&changes.new);
+        let asked: Vec<Bounds> = all.filter(|piece| light.reach.asks_about(piece)).map(|piece| piece.bounds).collect();
         let (mut buried, mut buried_reach) = (taken.buried, light.reach.buried);
-        if is_reseen || is_asked {
-            let inputs = PatchInputs::new(&self.shadowing, task.plan, task.patch);
-            (buried, buried_reach) = self.buried(task, &inputs, &chunk, writer)?;
+        if changed != 0 || !asked.is_empty() {
+            (buried, buried_reach) = self.buried_again(task, light, [known.chunk, &chunk], &asked)?;
         }
         let reach = light.reach.after(changes, buried_reach, raster);
         Ok(Some(PatchResult { visibility, chunk, buried, reach, is_new: false, live: taken.live, redone, changed }))
+    }
+
+    /// Points inside a solid, and the metres within which lies what told: of points that were blind already and whose rays come near none of
+    /// the boxes, what was found before.
+    fn buried_again(
+        &self,
+        task: &PatchTask,
+        light: &LightPatch,
+        [before, now]: [&Chunk; 2],
+        boxes: &[Bounds],
+    ) -> Result<(Vec<u8>, f64), BakeError> {
+        let (before, now) = (Visibility::from_chunk(before)?, Visibility::from_chunk(now)?);
+        let (mut buried, mut reach) = (Vec::new(), light.reach.buried);
+        for local in (0..now.len()).filter(|local| now.point(*local).is_blind()) {
+            let point = task.patch.first + local as u32;
+            let is_known = before.point(local).is_blind() && !self.probe.may_meet(task.plan, point, boxes);
+            let is_buried = if is_known {
+                light.buried.contains(&(local as u8))
+            } else {
+                let verdict = self.ask(task, point);
+                reach = reach.max(verdict.reach);
+                verdict.is_buried
+            };
+            if is_buried {
+                buried.push(local as u8);
+            }
+        }
+        Ok((buried, reach))
+    }
+
+    /// Whether a point that sees nothing lies inside a solid.
+    fn ask(&self, task: &PatchTask, point: u32) -> Verdict {
+        let own = task.plan.base_triangles(point as usize);
+        let closest = |origin, direction| {
+            let hit = self.shadowing.occluders.closest_hit(origin, direction, own)?;
+            Some((hit.t, hit.triangle, hit.back_face))
+        };
+        self.probe.ask(task.plan, point, task.edge_length, &closest)
     }
 
     fn patch(&self, task: &PatchTask, writer: &mut ShardWriter, bits: &mut PatchBits) -> Result<PatchResult, BakeError> {
@@ -294,12 +331,7 @@ impl Tracer<'_> {
         }
         let (mut buried, mut reach) = (Vec::new(), 0.0f64);
         for local in blind {
-            let own = task.plan.base_triangles(point(local));
-            let closest = |origin, direction| {
-                let hit = self.shadowing.occluders.closest_hit(origin, direction, own)?;
-                Some((hit.t, hit.triangle, hit.back_face))
-            };
-            let verdict = self.probe.ask(task.plan, point(local) as u32, task.edge_length, &closest);
+            let verdict = self.ask(task, point(local) as u32);
             reach = reach.max(verdict.reach);
             if verdict.is_buried {
                 buried.push(local);

@@ -98,6 +98,37 @@ impl<'a> BuriedProbe<'a> {
         Verdict { is_buried: 2 * behind >= N_DIRECTIONS || 2 * near >= N_DIRECTIONS, reach: reach * (1.0 + 1.0 / 256.0) }
     }
 
+    /// Whether a ray that point `i` may ask comes near one of the boxes: where none does, what lies in them is not part of the answer.
+    ///
+    /// Near is within 2⁻⁸ of the distance, far more than rounding puts a hit beside its triangle.
+    pub fn may_meet(&self, plan: &ObjectPlan, i: u32, boxes: &[Bounds]) -> bool {
+        let normal = plan.geometric_normal[i as usize];
+        let origin = wide(plan.origin[i as usize]);
+        let (t, b) = tangents(normal);
+        let (t, b, n) = (wide(t), wide(b), wide(normal));
+        boxes.iter().any(|bounds| {
+            let (lower, upper) = (wide(bounds.lower) - origin, wide(bounds.upper) - origin);
+            let slack = DVec3::splat(lower.abs().max(upper.abs()).max_element() / 256.0);
+            let (lower, upper) = (lower - slack, upper + slack);
+            self.directions.iter().any(|d| {
+                let direction = t * d.x + b * d.y + n * d.z;
+                let (mut from, mut to) = (0.0f64, f64::INFINITY);
+                for axis in 0..3 {
+                    if direction[axis] == 0.0 {
+                        if lower[axis] > 0.0 || upper[axis] < 0.0 {
+                            return false;
+                        }
+                        continue;
+                    }
+                    let (near, far) = (lower[axis] / direction[axis], upper[axis] / direction[axis]);
+                    from = from.max(near.min(far));
+                    to = to.min(near.max(far));
+                }
+                from <= to
+            })
+        })
+    }
+
     /// Winding and sidedness of a triangle, as keys have it.
     pub fn side(&self, triangle: u32) -> u8 {
         super::pieces::side(self.scene, self.world, triangle)
@@ -139,6 +170,34 @@ mod tests {
         assert!(directions.iter().all(|d| (d.length() - 1.0).abs() < 1e-12 && d.z > 0.0));
         // The mean of a hemisphere is (0, 0, ½); 32 points leave a few hundredths sideways.
         assert!((mean - DVec3::new(0.0, 0.0, 0.5)).length() < 0.03, "{mean}");
+    }
+
+    #[test]
+    fn what_no_ray_comes_near_is_not_part_of_the_answer() {
+        let mut scene = scene();
+        add(&mut scene, "floor", vec![quad([-1.0, 0.0, -1.0], [0.0, 0.0, 2.0], [2.0, 0.0, 0.0], 0)], IDENTITY);
+        let (world, plans) = plan(&scene, &params(0.5));
+        let probe = BuriedProbe::new(&scene, &world);
+        let at = |y: f32, size: f32| Bounds { lower: [-size, y, -size], upper: [size, y + 0.1, size] };
+        let (mut met, mut asked) = (0, 0);
+        for i in 0..plans[0].n_points() as u32 {
+            assert!(!probe.may_meet(&plans[0], i, &[at(-1.0, 5.0)]), "behind the surface");
+            assert!(probe.may_meet(&plans[0], i, &[at(-1.0, 5.0), at(1.0, 30.0)]), "a ceiling");
+            // A thing that some of the rays hit: never one that is hit by none.
+            let thing = at(2.0, 0.3);
+            let corners = [thing.lower, thing.upper];
+            let inside = |p: DVec3| (0..3).all(|k| p[k] >= f64::from(corners[0][k]) && p[k] <= f64::from(corners[1][k]));
+            let (t, b) = tangents(plans[0].geometric_normal[i as usize]);
+            let hits = hemisphere().iter().any(|d| {
+                let direction = wide(t) * d.x + wide(b) * d.y + wide(plans[0].geometric_normal[i as usize]) * d.z;
+                (0..4000).any(|step| inside(wide(plans[0].origin[i as usize]) + direction * (f64::from(step) / 1000.0)))
+            });
+            let may = probe.may_meet(&plans[0], i, &[thing]);
+            assert!(may || !hits, "point {i}");
+            met += u32::from(may);
+            asked += 1;
+        }
+        assert!(met > 0 && met < asked, "{met} of {asked}");
     }
 
     fn buried(scene: &Scene, object: usize, edge_length: f32) -> (World, Vec<ObjectPlan>, Vec<u32>) {
