@@ -198,8 +198,9 @@ pub fn bake_with_previews(
 
 /// Points of the previews of a bake of so many, each far fewer than the next.
 fn preview_points(total: usize) -> impl Iterator<Item = usize> {
-    const FIRST: usize = 16_384;
-    [FIRST, total / 4].into_iter().filter(move |points| 2 * points < total && (*points == FIRST || *points > 2 * FIRST))
+    const FIRST: usize = 8_192;
+    // Counted before shadow borders are refined, so the whole may be several times as much: the second is worth its while from twice its points.
+    [FIRST, (total / 4).max(3 * FIRST)].into_iter().filter(move |points| 2 * points < total)
 }
 
 /// Adds what belongs to the scene as a whole.

@@ -228,7 +228,10 @@ fn summary(baked: &Baked, loaded: &Loaded, asset: &Path, store: &Path, read_seco
         .set("bytes.stored", stats.bytes_stored)
         .set("bytes.resident", stats.bytes_resident)
         .set("seconds.total", start.elapsed().as_secs_f64())
-        .set("seconds.read", read_seconds);
+        .set("seconds.read", (read_seconds - loaded.budget_seconds).max(0.0));
+    if !loaded.settings.choices.is_empty() {
+        summary.set("seconds.budget", loaded.budget_seconds);
+    }
     if stats.transfer.rays > 0 || loaded.settings.options.transfer.iter().any(Option::is_some) {
         let transfer = &stats.transfer;
         summary

@@ -50,6 +50,9 @@ pub fn lines(loaded: &Loaded) -> Vec<String> {
     if declared.len() > LISTED {
         lines.push(format!("and {} more", declared.len() - LISTED));
     }
+    if !declared.is_empty() {
+        lines.push("a floor is at half of the object's edge_length: a shorter edge_length goes lower".to_string());
+    }
     lines
 }
 

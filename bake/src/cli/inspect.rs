@@ -15,9 +15,9 @@ use prelight_runtime::draw::camera::CameraRays;
 use prelight_runtime::draw::flip::flip_map;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::compare;
-use prelight_runtime::draw::tonemap::expose;
+use prelight_runtime::draw::tonemap::{expose, srgb_from_linear};
 use prelight_runtime::environment::{Environment, LightCubemap};
-use prelight_runtime::relight::Relighter;
+use prelight_runtime::relight::{Relighter, View};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -38,7 +38,7 @@ pub enum Map {
 /// Show what is in a bake: objects, sizes, errors
 #[derive(Args, Debug)]
 pub struct InspectArgs {
-    /// The bake, as NAME.prelight.json
+    /// The bake: NAME.prelight.json, or a packed NAME.prelight
     #[arg(value_name = "ASSET")]
     pub asset: PathBuf,
     /// Only objects whose names match this glob
@@ -168,7 +168,9 @@ fn measured(asset: &Asset, name: &str) -> Value {
 
 /// Plain bytes of an object's chunks, shared ones counted in full.
 fn object_bytes(entry: &AssetObject) -> u64 {
-    let patches = entry.patches.iter().map(|patch| patch.points.bytes + patch.surface.bytes + patch.visibility.bytes);
+    let patches = entry.patches.iter().map(|patch| {
+        patch.points.bytes + patch.surface.bytes + patch.visibility.bytes + patch.transfer.as_ref().map_or(0, |transfer| transfer.bytes)
+    });
     entry.mesh.bytes + entry.base.bytes + patches.sum::<u64>()
 }
 
@@ -176,8 +178,15 @@ fn object_bytes(entry: &AssetObject) -> u64 {
 const TECHNIQUE_COLORS: [[f32; 3]; 6] =
     [[0.15, 0.45, 0.85], [0.95, 0.55, 0.10], [0.20, 0.70, 0.30], [0.80, 0.25, 0.30], [0.55, 0.35, 0.75], [0.50, 0.50, 0.50]];
 
-/// Clay under an even sky, with a dot in the colour of what is asked at every point of an object.
-fn map_objects(asset: &Asset, args: &InspectArgs, map: Map, output: &Path) -> Result<Summary, Failure> {
+/// What maps are painted on.
+struct Clay {
+    image: Image,
+    rays: CameraRays,
+    view: View,
+}
+
+/// Clay under an even sky.
+fn clay(asset: &Asset, args: &InspectArgs) -> Result<Clay, Failure> {
     let camera = camera(asset, &args.view)?;
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
     let sky = Environment::new(2, 1, vec![[1.0; 3]; 2]);
@@ -186,7 +195,14 @@ fn map_objects(asset: &Asset, args: &InspectArgs, map: Map, output: &Path) -> Re
     relighter.set_light(&light);
     let view = relighter.view(&camera, size, 4)?;
     relighter.shade(camera.eye, Some(&view.points));
-    let mut image = relighter.draw(&view, &|_| [0.02; 3], true)?.image;
+    let image = relighter.draw(&view, &|_| [0.02; 3], true)?.image;
+    Ok(Clay { image, rays: CameraRays::new(&camera, size[0], size[1])?, view })
+}
+
+/// Clay under an even sky, with a dot in the colour of what is asked at every point of an object.
+fn map_objects(asset: &Asset, args: &InspectArgs, map: Map, output: &Path) -> Result<Summary, Failure> {
+    let Clay { mut image, rays, view } = clay(asset, args)?;
+    let size = [image.width, image.height];
     let entries = &asset.manifest().content.objects;
     let mut techniques: Vec<&str> = entries.iter().map(|entry| entry.technique.as_str()).collect();
     techniques.sort_unstable();
@@ -209,7 +225,6 @@ fn map_objects(asset: &Asset, args: &InspectArgs, map: Map, output: &Path) -> Re
         }
         _ => heat(((density[object] / median).log10() as f32 + 1.0) / 2.0),
     };
-    let rays = CameraRays::new(&camera, size[0], size[1])?;
     for (object, asset_object) in asset.objects.iter().enumerate() {
         let tint = color(object);
         for patch in &asset.patches[asset_object.patches.clone()] {
@@ -231,7 +246,7 @@ fn map_objects(asset: &Asset, args: &InspectArgs, map: Map, output: &Path) -> Re
     summary.set("image", output.display().to_string());
     if map == Map::Technique {
         let legend: Vec<Value> =
-            (techniques.iter().zip(TECHNIQUE_COLORS)).map(|(name, color)| json!({ "technique": name, "color": color })).collect();
+            (techniques.iter().zip(TECHNIQUE_COLORS)).map(|(name, color)| json!({ "technique": name, "color": hex(color) })).collect();
         summary.set("legend", legend);
     } else {
         summary
@@ -242,6 +257,12 @@ fn map_objects(asset: &Asset, args: &InspectArgs, map: Map, output: &Path) -> Re
     Ok(summary)
 }
 
+/// A linear colour as the picture shows it: `#rrggbb`.
+fn hex(color: [f32; 3]) -> String {
+    let [r, g, b] = color.map(|linear| (srgb_from_linear(linear) * 255.0 + 0.5) as u8);
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
 /// Blue at 0 over green to red at 1.
 fn heat(share: f32) -> [f32; 3] {
     let t = share.clamp(0.0, 1.0);
@@ -250,16 +271,8 @@ fn heat(share: f32) -> [f32; 3] {
 
 /// Clay under an even sky, with a dot at every point that the picture is interpolated from; buried points red.
 fn map_points(asset: &Asset, args: &InspectArgs, output: &Path) -> Result<Summary, Failure> {
-    let camera = camera(asset, &args.view)?;
-    let size = [args.view.size.0 as usize, args.view.size.1 as usize];
-    let sky = Environment::new(2, 1, vec![[1.0; 3]; 2]);
-    let (light, _) = LightCubemap::from_environment(&sky, asset.manifest().content.face_resolution as usize);
-    let mut relighter = Relighter::new(asset);
-    relighter.set_light(&light);
-    let view = relighter.view(&camera, size, 4)?;
-    relighter.shade(camera.eye, Some(&view.points));
-    let mut image = relighter.draw(&view, &|_| [0.02; 3], true)?.image;
-    let rays = CameraRays::new(&camera, size[0], size[1])?;
+    let Clay { mut image, rays, view } = clay(asset, args)?;
+    let size = [image.width, image.height];
     let (mut shown, mut buried) = (0u64, 0u64);
     for patch in &asset.patches {
         let points = patch.points();

@@ -8,6 +8,7 @@ use prelight_bake::scene::input::SceneInput;
 use prelight_bake::scene::world::World;
 use prelight_bake::settings::Settings;
 use std::path::Path;
+use std::time::Instant;
 
 /// A scene, its flattened geometry and the knobs in force.
 pub struct Loaded {
@@ -17,6 +18,8 @@ pub struct Loaded {
     pub settings: Settings,
     /// As they were asked for.
     pub knobs: BakeKnobs,
+    /// What choosing for budgets of error took.
+    pub budget_seconds: f64,
 }
 
 impl Loaded {
@@ -49,7 +52,9 @@ impl Loaded {
         let world = World::build(&scene);
         let mut settings = Settings::resolve(&input.manifest, &loaded.knobs, &scene, &world, knobs.points, memory)?;
         drop(stage);
+        let start = Instant::now();
         settings.meet_budgets(&scene, &world, context.progress())?;
-        Ok(Loaded { input, scene, world, settings, knobs: knobs.clone() })
+        let budget_seconds = start.elapsed().as_secs_f64();
+        Ok(Loaded { input, scene, world, settings, knobs: knobs.clone(), budget_seconds })
     }
 }

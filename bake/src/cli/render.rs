@@ -22,7 +22,7 @@ use std::time::Instant;
 /// Render an image from a bake under any environment
 #[derive(Args, Debug)]
 pub struct RenderArgs {
-    /// The bake, as NAME.prelight.json
+    /// The bake: NAME.prelight.json, or a packed NAME.prelight
     #[arg(value_name = "ASSET")]
     pub asset: PathBuf,
     /// Environment: an .hdr or .exr file, or a name from the scene.toml
