@@ -153,10 +153,10 @@ pub fn run_all(bench: &Bench) -> Result<Vec<Outcome>, BakeError> {
 /// promised, the others are recorded.
 pub const MAPS: [(&str, f64); 5] = [
     ("aristea_wreck_puresky", 4.0),
-    ("noon_grass", 40.0),
-    ("st_peters_square_night", 40.0),
-    ("studio_small_05", 40.0),
-    ("thatch_chapel", 40.0),
+    ("noon_grass", 5.0),
+    ("st_peters_square_night", 9.0),
+    ("studio_small_05", 15.0),
+    ("thatch_chapel", 16.0),
 ];
 
 /// A map's temporal error in the still life, and its bound where one is known.
