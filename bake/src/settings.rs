@@ -112,8 +112,8 @@ impl Settings {
 const SLICE_ERROR: f64 = 5.0;
 /// The same for the difference of slices at the ends of an edge: half way between them a quarter of it is left.
 const EDGE_ERROR: f64 = 25.0;
-/// The same for slices that their neighbours stand for.
-const THIN_ERROR: f64 = 2.5;
+/// The same for slices that their neighbours stand for: small enough that they add at most 2 % to the error of light.
+const THIN_ERROR: f64 = 1.5;
 /// Norm of a slice below which it needs no accuracy of its own, sr^-½: two hundredths of a wide lobe.
 const SLICE_FLOOR: f64 = 0.02;
 

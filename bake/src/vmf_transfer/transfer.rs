@@ -236,6 +236,17 @@ impl<'a> Slices<'a> {
         lobe::lift(into_frame(&self.lobe_frame, world))
     }
 
+    /// What a slice's lobes stand for: light of both classes toward a local view, luminance, summed over the paths. Without Schlick's second term.
+    #[cfg(test)]
+    pub(crate) fn sum(&self, view: [f32; 3], light: &dyn Fn([f32; 3]) -> f32) -> f64 {
+        let v = self.lobe_view(view);
+        let of = |(end, l): (&crate::trace::path::PathEnd, &[f64; 3])| {
+            let carried = luminance(std::array::from_fn(|c| end.weight[0][c] + end.weight[1][c]));
+            2.0 * std::f64::consts::PI * self.lobe.terms(v, *l)[0][1] * f64::from(carried * light(end.direction))
+        };
+        self.paths.ends.iter().zip(&self.primary).map(of).sum::<f64>() / self.paths.primary.len() as f64
+    }
+
     /// The slice toward a local view.
     pub fn fit(&self, view: [f32; 3]) -> Slice {
         let v = self.lobe_view(view);
