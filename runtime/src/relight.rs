@@ -129,7 +129,8 @@ struct Work<'a> {
     surfaces: &'a Surfaces<'a>,
     accuracy: Accuracy,
     indirect: Option<(&'a Icosahedron, &'a FilteredLight)>,
-    eye: [f32; 3],
+    /// `None`: diffuse light alone.
+    eye: Option<[f32; 3]>,
     wanted: Option<&'a [bool]>,
     patches: &'a [AssetPatch],
     is_lit: &'a mut [bool],
@@ -183,10 +184,12 @@ impl Work<'_> {
                     add_irradiance(light, transfer, patch.points().normal, irradiance);
                 }
             }
+            shaded += patch.points.len();
+            let Some(eye) = self.eye else { continue };
             let (position, averages, first) = (patch.points().position, patch.surfaces(), patch.points.start);
             let (path, surfaces) = (SimdPath::detect(), self.surfaces);
             let lobe = |i: usize| surfaces.lobe(&averages, i, first + i);
-            shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, self.eye, &mut self.glossy[range.clone()]);
+            shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, eye, &mut self.glossy[range.clone()]);
             if let Some(((solid, light), transfer)) = &transfer {
                 add_glossy(
                     light,
@@ -194,7 +197,7 @@ impl Work<'_> {
                     transfer,
                     position,
                     averages.normal,
-                    self.eye,
+                    eye,
                     &mut self.glossy[range.clone()],
                     &mut self.lobes[range.clone()],
                 );
@@ -204,12 +207,11 @@ impl Work<'_> {
                 let mut terms = [Glossy::default(); PATCH_POINTS];
                 let terms = &mut terms[..patch.points.len()];
                 let lobe = |i: usize| surfaces.coat(&averages, i, first + i);
-                shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, self.eye, terms);
+                shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, eye, terms);
                 for (coat, [base, rest]) in self.coat[range].iter_mut().zip(terms) {
                     *coat = std::array::from_fn(|k| COAT_F0 * base[k] + rest[k]);
                 }
             }
-            shaded += patch.points.len();
         }
         shaded
     }
@@ -401,6 +403,15 @@ impl<'a> Relighter<'a> {
     ///
     /// Panics before the first [`Relighter::set_light`], or when `wanted` has not one element per point.
     pub fn shade(&mut self, eye: [f32; 3], wanted: Option<&[bool]>) -> usize {
+        self.work(Some(eye), wanted)
+    }
+
+    /// [`Relighter::shade`] without glossy light, which stays what it was: all that clay needs.
+    pub fn shade_diffuse(&mut self, wanted: Option<&[bool]>) -> usize {
+        self.work(None, wanted)
+    }
+
+    fn work(&mut self, eye: Option<[f32; 3]>, wanted: Option<&[bool]>) -> usize {
         let light = self.light.as_ref().expect("set_light comes before shade");
         assert!(wanted.is_none_or(|wanted| wanted.len() == self.irradiance.len()), "one flag per point");
         let asset = self.asset;

@@ -5,7 +5,7 @@ use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::brdf::Measured;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::environment::{LightCubemap, sky};
-use prelight_runtime::relight::Relighter;
+use prelight_runtime::relight::{Relighter, View};
 use prelight_runtime::surface::{AlphaMode, Material, Model};
 use prelight_tests::{baked_asset, still_life};
 
@@ -123,4 +123,24 @@ fn a_light_changed_in_few_blocks_is_the_light_set_anew() {
             assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-5 * size + 1e-5), "{a:?} {b:?}");
         }
     }
+}
+
+#[test]
+fn clay_needs_diffuse_light_alone() {
+    let asset = baked_asset(&still_life(), EDGE);
+    let clay = |shade: fn(&mut Relighter, &View) -> usize| {
+        let mut relighter = Relighter::new(&asset);
+        relighter.set_light(&light([0.3, 0.8, 0.2]));
+        let view = relighter.view(&camera(), [64, 48], 4).unwrap();
+        let shaded = shade(&mut relighter, &view);
+        (shaded, relighter.draw(&view, &|_| [0.0; 3], true).unwrap().image.pixels)
+    };
+    let all = clay(|relighter, view| relighter.shade(camera().eye, Some(&view.points)));
+    let diffuse = clay(|relighter, view| {
+        let shaded = relighter.shade_diffuse(Some(&view.points));
+        assert!(relighter.glossy().iter().flatten().flatten().all(|x| *x == 0.0));
+        shaded
+    });
+    assert_eq!(all, diffuse);
+    assert!(all.0 > 0 && all.1.iter().flatten().any(|x| *x > 0.0));
 }

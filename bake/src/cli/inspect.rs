@@ -194,7 +194,7 @@ fn clay(asset: &Asset, args: &InspectArgs) -> Result<Clay, Failure> {
     let mut relighter = Relighter::new(asset);
     relighter.set_light(&light);
     let view = relighter.view(&camera, size, 4)?;
-    relighter.shade(camera.eye, Some(&view.points));
+    relighter.shade_diffuse(Some(&view.points));
     let image = relighter.draw(&view, &|_| [0.02; 3], true)?.image;
     Ok(Clay { image, rays: CameraRays::new(&camera, size[0], size[1])?, view })
 }

@@ -143,7 +143,8 @@ pub fn relight<'a>(asset: &'a Asset, environment: &Environment, picture: &Pictur
     let view = relighter.view(&picture.camera, picture.size, picture.samples)?;
     let raster = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
-    let shaded = relighter.shade(picture.camera.eye, Some(&view.points));
+    let shaded =
+        if picture.clay { relighter.shade_diffuse(Some(&view.points)) } else { relighter.shade(picture.camera.eye, Some(&view.points)) };
     summary.set("seconds.shade", clock.elapsed().as_secs_f64()).set("points_shaded", shaded);
     let clock = Instant::now();
     let frame = relighter.draw(&view, &|direction| environment.radiance(direction), picture.clay)?;
