@@ -127,6 +127,15 @@ fn n_edits(few: usize) -> usize {
     std::env::var("PRELIGHT_EDITS").ok().and_then(|n| n.parse().ok()).unwrap_or(few)
 }
 
+/// Edits an object. Edits pile up; every now and then all is undone first, or where few objects are left or there are many.
+fn edit_or_undo(scene: &mut Scene, base: &Scene, random: &mut Random) -> String {
+    if random.below(10) == 0 || scene.objects.len() < 4 || scene.objects.len() > 14 {
+        *scene = base.clone();
+    }
+    let object = random.below(scene.objects.len());
+    apply(scene, object, ALL[random.below(ALL.len())], random)
+}
+
 #[test]
 fn after_random_edits_a_rebake_is_the_clean_bake_and_no_key_stands_for_two_results() {
     let folder = folder();
@@ -137,12 +146,7 @@ fn after_random_edits_a_rebake_is_the_clean_bake_and_no_key_stands_for_two_resul
     let (mut random, mut scene) = (Random(2026), base.clone());
     let (mut redone, mut known, mut repeated) = (0, 0, 0);
     for step in 0..n_edits(36) {
-        // Edits pile up; every now and then all is undone, or the scene has grown too small.
-        if random.below(10) == 0 || scene.objects.len() < 4 || scene.objects.len() > 14 {
-            scene = base.clone();
-        }
-        let object = random.below(scene.objects.len());
-        let said = apply(&mut scene, object, ALL[random.below(ALL.len())], &mut random);
+        let said = edit_or_undo(&mut scene, &base, &mut random);
         let options = options(&scene);
         let (_folder, fresh, expected) = clean(&scene, &options);
         let rebaked = bake_in(&scene, &options, &store);
@@ -424,8 +428,7 @@ fn grayscale_is_what_one_tree_samples_and_is_baked_again_like_bits() {
     }
     let (mut random, mut edited, mut traced, mut all) = (Random(11), scene.clone(), 0, 0);
     for step in 0..n_edits(5) {
-        let object = random.below(edited.objects.len());
-        let said = apply(&mut edited, object, ALL[random.below(ALL.len())], &mut random);
+        let said = edit_or_undo(&mut edited, &scene, &mut random);
         let options = BakeOptions { visibility: Shades::Gray6, ..options(&edited) };
         let rebaked = bake_in(&edited, &options, &store);
         let expected = clean(&edited, &options).2;
