@@ -172,34 +172,19 @@ impl Occluders {
         scratch: &mut Scratch,
         open: &mut [u64],
     ) {
-        let (n, words) = (face_resolution, face_resolution / 64);
-        assert!(n.is_power_of_two() && n >= 64, "face resolution {n} is not a power of two from 64 up");
-        assert_eq!(open.len(), 6 * n * words, "one bit a texel");
+        check_size(face_resolution, open);
         let Scratch { stack, excluded, window } = scratch;
-        for face in faces {
-            for (wy, wx) in (0..words).flat_map(|y| (0..words).map(move |x| (y, x))) {
-                let at = |y: usize| (face * n + wy * 64 + y) * words + wx;
-                for y in 0..64 {
-                    window.rows[y] = open[at(y)];
-                }
-                window.refresh();
+        close_windows(faces, face_resolution, window, open, |face, corner, window| {
+            let view = View::new(from.origin, face_resolution, face, corner);
+            for tree in self.trees.iter().filter(|tree| tree.root != EMPTY) {
+                stack.reserve(tree.stack_size);
+                excluded.set(tree, from.base_triangles);
+                self.cover(coverage::Scene { tree, masks: &self.masks, excluded }, &view, window, stack);
                 if window.any == 0 {
-                    continue;
-                }
-                let view = View::new(from.origin, n, face, [wx * 64, wy * 64]);
-                for tree in self.trees.iter().filter(|tree| tree.root != EMPTY) {
-                    stack.reserve(tree.stack_size);
-                    excluded.set(tree, from.base_triangles);
-                    self.cover(coverage::Scene { tree, masks: &self.masks, excluded }, &view, window, stack);
-                    if window.any == 0 {
-                        break;
-                    }
-                }
-                for y in 0..64 {
-                    open[at(y)] = window.rows[y];
+                    break;
                 }
             }
-        }
+        });
     }
 
     /// [`Occluders::close_covered`] by the occluders of one layer alone, on some of the faces.
@@ -215,9 +200,7 @@ impl Occluders {
         scratch: &mut Scratch,
         open: &mut [u64],
     ) {
-        let (n, words) = (face_resolution, face_resolution / 64);
-        assert!(n.is_power_of_two() && n >= 64, "face resolution {n} is not a power of two from 64 up");
-        assert_eq!(open.len(), 6 * n * words, "one bit a texel");
+        check_size(face_resolution, open);
         let tree = &self.trees[layer];
         if tree.root == EMPTY {
             return;
@@ -226,23 +209,9 @@ impl Occluders {
         stack.reserve(tree.stack_size);
         excluded.set(tree, from.base_triangles);
         let scene = coverage::Scene { tree, masks: &self.masks, excluded };
-        for face in faces {
-            for (wy, wx) in (0..words).flat_map(|y| (0..words).map(move |x| (y, x))) {
-                let at = |y: usize| (face * n + wy * 64 + y) * words + wx;
-                for y in 0..64 {
-                    window.rows[y] = open[at(y)];
-                }
-                window.refresh();
-                if window.any == 0 {
-                    continue;
-                }
-                let view = View::new(from.origin, n, face, [wx * 64, wy * 64]);
-                self.cover(scene, &view, window, stack);
-                for y in 0..64 {
-                    open[at(y)] = window.rows[y];
-                }
-            }
-        }
+        close_windows(faces, face_resolution, window, open, |face, corner, window| {
+            self.cover(scene, &View::new(from.origin, face_resolution, face, corner), window, stack);
+        });
     }
 
     /// [`Occluders::close_covered_by`] for samples (`trace::samples`). A bit of `open` says that a sample of the texel is open; `parts` lists,
@@ -259,10 +228,8 @@ impl Occluders {
         scratch: &mut Scratch,
         (open, parts): (&mut [u64], &mut Vec<(u32, u64)>),
     ) {
-        let (n, words) = (face_resolution, face_resolution / 64);
-        assert!(n.is_power_of_two() && n >= 64, "face resolution {n} is not a power of two from 64 up");
-        assert_eq!(open.len(), 6 * n * words, "one bit a texel");
-        let tree = &self.trees[layer];
+        check_size(face_resolution, open);
+        let (n, tree) = (face_resolution, &self.trees[layer]);
         if tree.root == EMPTY {
             return;
         }
@@ -271,44 +238,28 @@ impl Occluders {
         window.samples.resize(64 * 64, 0);
         excluded.set(tree, from.base_triangles);
         let scene = coverage::Scene { tree, masks: &self.masks, excluded };
-        let (mut done, mut first) = (Vec::with_capacity(parts.len()), 0);
-        for face in faces {
-            let of_face = ((face * n * n) as u32, ((face + 1) * n * n) as u32);
-            first += parts[first..].partition_point(|(texel, _)| *texel < of_face.0);
-            let end = first + parts[first..].partition_point(|(texel, _)| *texel < of_face.1);
-            let known = &parts[first..end];
-            first = end;
-            for (wy, wx) in (0..words).flat_map(|y| (0..words).map(move |x| (y, x))) {
-                let at = |y: usize| (face * n + wy * 64 + y) * words + wx;
-                for y in 0..64 {
-                    window.rows[y] = open[at(y)];
-                }
-                window.refresh();
-                if window.any == 0 {
-                    continue;
-                }
-                window.parts = [0; 64];
-                for (texel, samples) in known {
-                    let (y, x) = (*texel as usize / n % n, *texel as usize % n);
-                    if (y / 64, x / 64) == (wy, wx) {
-                        window.parts[y % 64] |= 1 << (x % 64);
-                        window.samples[y % 64 * 64 + x % 64] = *samples;
-                    }
-                }
-                let view = View::new(from.origin, n, face, [wx * 64, wy * 64]).for_samples();
-                self.cover_samples(scene, &view, window, stack);
-                for y in 0..64 {
-                    open[at(y)] = window.rows[y];
-                    let mut rest = window.rows[y] & window.parts[y];
-                    while rest != 0 {
-                        let x = rest.trailing_zeros() as usize;
-                        rest &= rest - 1;
-                        done.push((((face * n + wy * 64 + y) * n + wx * 64 + x) as u32, window.samples[64 * y + x]));
-                    }
+        let mut done = Vec::with_capacity(parts.len());
+        close_windows(faces, n, window, open, |face, [x0, y0], window| {
+            let from_texel = |face: usize| parts.partition_point(|(texel, _)| *texel < (face * n * n) as u32);
+            window.parts = [0; 64];
+            for (texel, samples) in &parts[from_texel(face)..from_texel(face + 1)] {
+                let (y, x) = (*texel as usize / n % n, *texel as usize % n);
+                if (y / 64 * 64, x / 64 * 64) == (y0, x0) {
+                    window.parts[y % 64] |= 1 << (x % 64);
+                    window.samples[y % 64 * 64 + x % 64] = *samples;
                 }
             }
-        }
-        if words > 1 {
+            self.cover_samples(scene, &View::new(from.origin, n, face, [x0, y0]).for_samples(), window, stack);
+            for y in 0..64 {
+                let mut rest = window.rows[y] & window.parts[y];
+                while rest != 0 {
+                    let x = rest.trailing_zeros() as usize;
+                    rest &= rest - 1;
+                    done.push((((face * n + y0 + y) * n + x0 + x) as u32, window.samples[64 * y + x]));
+                }
+            }
+        });
+        if n > 64 {
             done.sort_unstable_by_key(|(texel, _)| *texel);
         }
         *parts = done;
@@ -364,5 +315,39 @@ impl Occluders {
         });
         // As within a tree: of hits at equal t the smallest id.
         hits.min_by(|a, b| a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle)))
+    }
+}
+
+fn check_size(n: usize, open: &[u64]) {
+    assert!(n.is_power_of_two() && n >= 64, "face resolution {n} is not a power of two from 64 up");
+    assert_eq!(open.len(), 6 * n * (n / 64), "one bit a texel");
+}
+
+/// Calls `close` with the face, the first column and row, and the open texels of every window of 64² that has some, and keeps what it
+/// leaves open.
+#[inline(always)]
+fn close_windows(
+    faces: impl Iterator<Item = usize>,
+    n: usize,
+    window: &mut Window,
+    open: &mut [u64],
+    mut close: impl FnMut(usize, [usize; 2], &mut Window),
+) {
+    let words = n / 64;
+    for face in faces {
+        for (wy, wx) in (0..words).flat_map(|y| (0..words).map(move |x| (y, x))) {
+            let at = |y: usize| (face * n + wy * 64 + y) * words + wx;
+            for y in 0..64 {
+                window.rows[y] = open[at(y)];
+            }
+            window.refresh();
+            if window.any == 0 {
+                continue;
+            }
+            close(face, [wx * 64, wy * 64], window);
+            for y in 0..64 {
+                open[at(y)] = window.rows[y];
+            }
+        }
     }
 }
