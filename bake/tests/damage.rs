@@ -2,10 +2,14 @@
 //!
 //! `PRELIGHT_DAMAGES=1000` for the full number; a few otherwise.
 
+#[path = "support/boxes.rs"]
+mod boxes;
+
+use boxes::cuboid;
 use prelight_bake::bake::{BakeOptions, Baked, RebakeOptions, bake};
 use prelight_bake::plan::PointParams;
 use prelight_bake::progress::Silent;
-use prelight_bake::scene::{Mesh, Object, Primitive, Scene};
+use prelight_bake::scene::{Mesh, Object, Scene};
 use prelight_bake::seal::seal;
 use prelight_bake::trace::TreeQuality;
 use prelight_manifests::quality::Shades;
@@ -15,17 +19,6 @@ use prelight_store::{CheckOptions, ChunkSource, Store};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-fn cuboid(size: [f32; 3]) -> Primitive {
-    let corner = |k: usize| [0, 1, 2].map(|axis| if k >> axis & 1 == 1 { size[axis] } else { 0.0 });
-    let mut primitive = Primitive::default();
-    for face in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]] {
-        let first = primitive.positions.len() as u32;
-        primitive.positions.extend(face.map(corner));
-        primitive.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
-    }
-    primitive
-}
 
 /// About two thousand points.
 fn room() -> Scene {

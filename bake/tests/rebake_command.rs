@@ -1,8 +1,11 @@
 //! `plan` and `bake` of a scene that was edited: what is stale, why, and parts of a scene.
 
+#[path = "support/boxes.rs"]
+mod boxes;
 #[path = "support/command.rs"]
 mod command;
 
+use boxes::cuboid;
 use command::prelight;
 use prelight_bake::scene::export::{GlbBuilder, Transform};
 use prelight_bake::scene::{Mesh, Primitive};
@@ -17,17 +20,6 @@ fn done(folder: &Path, arguments: &[&str]) -> Value {
     serde_json::from_str(text.lines().last().expect("a summary")).expect("JSON")
 }
 
-fn boxed(size: [f32; 3]) -> Primitive {
-    let corner = |k: usize| [0, 1, 2].map(|axis| if k >> axis & 1 == 1 { size[axis] } else { 0.0 });
-    let mut primitive = Primitive::default();
-    for face in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]] {
-        let first = primitive.positions.len() as u32;
-        primitive.positions.extend(face.map(corner));
-        primitive.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
-    }
-    primitive
-}
-
 /// `room.glb`: a floor, a chest, and a lamp that stands at `x`.
 fn write_room(folder: &Path, x: f32) {
     let mut glb = GlbBuilder::new();
@@ -38,7 +30,7 @@ fn write_room(folder: &Path, x: f32) {
         ("Lamp", [0.2, 0.5, 0.2], [x, 0.0, 3.0]),
     ];
     for (name, size, at) in things {
-        let mesh = glb.mesh(name, &Mesh { primitives: vec![Primitive { material: paint, ..boxed(size) }] });
+        let mesh = glb.mesh(name, &Mesh { primitives: vec![Primitive { material: paint, ..cuboid(size) }] });
         glb.node(name, None, Transform::translation(at), Some(mesh));
     }
     std::fs::write(folder.join("room.glb"), glb.to_glb()).expect("the scene is written");

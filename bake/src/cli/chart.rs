@@ -3,7 +3,7 @@
 use super::args::{BakeKnobs, SceneArgs};
 use super::bake::{RebakeArgs, bake_file};
 use super::chart_cells::{Chart, ChartLight};
-use super::opened::{no_environment, open_asset, open_environment};
+use super::opened::{no_environment, open_asset, open_environment, short_name};
 use super::output::write_atomically;
 use super::reporter::clock;
 use super::{Context, ExitCode, Failure, Summary};
@@ -217,7 +217,7 @@ fn paper(args: &ChartArgs, asset: &Asset, lights: &[ChartLight], views: &[ChartV
     let sample = measure::sample(asset, args.timed_points as usize);
     let mut rows = Vec::new();
     for light in lights {
-        let name = Path::new(&light.name).file_stem().map_or(light.name.as_str().into(), |stem| stem.to_string_lossy());
+        let name = short_name(&light.name);
         rows.extend(paper_rows(asset, &sample, views, (&name, &light.cubemap), context.progress())?);
     }
     let partly = partly_lit(asset, &sample);

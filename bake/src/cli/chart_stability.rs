@@ -1,7 +1,7 @@
 //! `prelight chart --stability`: every known way in which a method fails, with its figures and bounds, as a page.
 
 use super::chart::{ChartArgs, machine};
-use super::opened::read_environment_named;
+use super::opened::{read_environment_named, short_name};
 use super::output::write_atomically;
 use super::{Context, ExitCode, Failure, Summary};
 use prelight_bake::chart::stability::page::{MapOutcome, page};
@@ -22,7 +22,7 @@ pub fn run(args: &ChartArgs, context: &Context) -> Result<Summary, Failure> {
     let outcomes = run_all(&bench)?;
     let mut maps: Vec<MapOutcome> = Vec::new();
     for (path, environment) in &environments {
-        let name = std::path::Path::new(path).file_stem().map_or(path.clone(), |stem| stem.to_string_lossy().into_owned());
+        let name = short_name(path);
         context.progress().message(&name);
         let (found, bound) = run_map(&bench, &name, environment)?;
         maps.push((name, found, bound));

@@ -64,6 +64,11 @@ pub fn open_environment(asset: &Asset, name: &str, rotate: f32, context: &Contex
     Ok(environment.with_rotation(turned + f64::from(rotate)).with_intensity(intensity as f32))
 }
 
+/// What an environment is called in tables: a file by its stem.
+pub fn short_name(name: &str) -> String {
+    Path::new(name).file_stem().map_or(name.to_string(), |stem| stem.to_string_lossy().into_owned())
+}
+
 /// Neither a file nor one of the scene's environments.
 pub fn no_environment<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Failure {
     let names: Vec<&str> = known.collect();

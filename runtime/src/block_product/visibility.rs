@@ -280,18 +280,13 @@ impl PointVisibility<'_> {
     /// Calls `visit` with the Hilbert position, the base and the correction of every texel that is open in part, increasing.
     pub fn for_each_fraction(&self, mut visit: impl FnMut(usize, bool, i8)) {
         let Some(fractions) = self.fractions else { return };
-        let (mut transitions, mut base) = (Walk::new(self.blocks, self.counts, self.positions).peekable(), false);
+        let (mut transitions, mut base) = (self.base_transitions().peekable(), false);
         for (position, correction) in fractions.iter() {
             while transitions.next_if(|at| *at <= position).is_some() {
                 base = !base;
             }
             visit(position, base, correction);
         }
-    }
-
-    /// Calls `visit` with the Hilbert position of every transition of the base, increasing.
-    pub fn for_each_base_transition(&self, visit: impl FnMut(usize)) {
-        self.base_transitions().for_each(visit);
     }
 
     /// Hilbert positions of the transitions of the base, increasing.
@@ -301,7 +296,7 @@ impl PointVisibility<'_> {
 
     /// Calls `visit` with every transition's Hilbert position, increasing. A texel that is open in part counts as open from a half on.
     pub fn for_each_transition(&self, mut visit: impl FnMut(usize)) {
-        let base = Walk::new(self.blocks, self.counts, self.positions);
+        let base = self.base_transitions();
         let Some(fractions) = self.fractions.filter(|fractions| !fractions.is_empty()) else {
             return base.for_each(visit);
         };
