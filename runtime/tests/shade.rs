@@ -197,7 +197,7 @@ fn lobe_keeps_its_energy_at_every_roughness_and_view() {
                 if error > worst.0 {
                     worst = (error, roughness[0], cosine);
                 }
-                assert!(error < 0.02, "case {case}, roughness {}, n·v {cosine}: {error}", roughness[0]);
+                assert!(error < 0.025, "case {case}, roughness {}, n·v {cosine}: {error}", roughness[0]);
             }
         }
     }

@@ -22,9 +22,10 @@
 //! Phong          gain · n·l · (1 − |l − r|²/2)ˢ                      gain = (s + 2)/(2π)
 //! ```
 //!
-//! v·h = |H|/2, so neither a half vector nor v·l is ever formed. What the horizon and the lattice then take or add is given back by one
-//! factor per point, E / Σ_texels Ω g(l), E being the lobe's directional albedo at F0 = 1. It fades out where squared widths grow by less than a
-//! fifth: from there on the plain sum is right within 2 % (tested), and dark texels need not be visited.
+//! v·h = |H|/2, so neither a half vector nor v·l is ever formed. A lobe as wide as a texel loses nothing to the lattice: Σ_texels Ω g(l) is the
+//! lobe's directional albedo E at F0 = 1 within 0.5 % root mean square (a perfect mirror; 2.3 % head-on at the centre of a face) and 0.1 % from
+//! roughness 0.2 on. At grazing views the widened lobe sinks below the horizon; there one factor per point, E / Σ_texels Ω g(l), gives it
+//! back. It fades out between n·v = 0.1 and 0.2, where the sum is right within 3 % and 1 %, and where squared widths grow by less than a fifth.
 //!
 //! Lossy: reflections are blurred by about a texel (1.3° at 64²). Measured lobes are taken as they are.
 
@@ -35,6 +36,8 @@ use std::f64::consts::PI;
 pub const FOOTPRINT: f64 = 1.0;
 /// Relative widening of squared widths at which normalising begins, and beyond which it is full.
 const NORMALISING: [f64; 2] = [0.1, 0.2];
+/// n·v at which normalising ends, and below which it is full.
+const GRAZING: [f64; 2] = [0.2, 0.1];
 
 /// What a point reflects with: a lobe, and how it stands in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,8 +97,9 @@ pub struct TexelLobe<'a> {
     pub gain: f64,
     /// The table of a measured lobe.
     pub table: Option<&'a Measured>,
-    /// Directional albedo of the lobe at F0 = F90 = 1, the mean of the channels.
-    albedo: f64,
+    /// What it was made of, and the view in that one's own frame.
+    lobe: Lobe<'a>,
+    own_view: [f64; 3],
     /// 0 as it is .. 1 normalised.
     normalising: f64,
 }
@@ -123,23 +127,22 @@ impl<'a> TexelLobe<'a> {
             exponent: 0.0,
             gain: 0.0,
             table: None,
-            albedo: 0.0,
+            lobe: point.lobe,
+            own_view: [sine, 0.0, n_dot_v],
             normalising: 0.0,
         };
         let mut widening = 0.0;
-        // v in the frame that the widths are given in.
-        let mut own_view = lobe.view;
         match point.lobe {
             Lobe::None => {}
             Lobe::Ggx { alpha } => {
-                (lobe.shape, own_view) = (Shape::Ggx, lobe.align(point, alpha));
+                (lobe.shape, lobe.own_view) = (Shape::Ggx, lobe.align(point, alpha));
                 let widths = lobe.widen(footprint, &mut widening);
                 let [vx, vy, vz] = lobe.view;
                 lobe.smith_view = (vz * vz + lobe.smith[0] * vx * vx + lobe.smith[1] * vx * vy + lobe.smith[2] * vy * vy).sqrt();
                 lobe.gain = 0.5 / (PI * (widths[0] * widths[1]).sqrt());
             }
             Lobe::Ward { alpha } => {
-                (lobe.shape, own_view) = (Shape::Ward, lobe.align(point, alpha));
+                (lobe.shape, lobe.own_view) = (Shape::Ward, lobe.align(point, alpha));
                 let widths = lobe.widen(footprint, &mut widening);
                 lobe.gain = 1.0 / (PI * (widths[0] * widths[1]).sqrt());
             }
@@ -166,9 +169,8 @@ impl<'a> TexelLobe<'a> {
                 (lobe.shape, lobe.table, lobe.gain) = (Shape::Measured, Some(table), 1.0);
             }
         }
-        lobe.normalising = ((widening - NORMALISING[0]) / (NORMALISING[1] - NORMALISING[0])).clamp(0.0, 1.0);
-        let terms = point.lobe.albedo_terms(own_view);
-        lobe.albedo = terms.as_flattened().iter().map(|term| f64::from(*term)).sum::<f64>() / 3.0;
+        let fade = |x: f64, [none, full]: [f64; 2]| ((x - none) / (full - none)).clamp(0.0, 1.0);
+        lobe.normalising = fade(widening, NORMALISING) * fade(n_dot_v, GRAZING);
         lobe
     }
 
@@ -217,15 +219,15 @@ impl<'a> TexelLobe<'a> {
         self.normalising > 0.0
     }
 
-    /// Directional albedo at F0 = F90 = 1, the energy that the lobe stands for.
+    /// Directional albedo at F0 = F90 = 1, the mean of the channels: the energy that the lobe stands for.
     pub fn albedo(&self) -> f64 {
-        self.albedo
+        self.lobe.albedo_terms(self.own_view).as_flattened().iter().map(|term| f64::from(*term)).sum::<f64>() / 3.0
     }
 
     /// Gives the lobe its energy; `sum` is Σ Ω·value over all texels, hidden ones too, before.
     pub fn normalise(&mut self, sum: f64) {
         if sum > 0.0 {
-            self.gain *= 1.0 + (self.albedo / sum - 1.0) * self.normalising;
+            self.gain *= 1.0 + (self.albedo() / sum - 1.0) * self.normalising;
         }
     }
 

@@ -48,6 +48,8 @@ pub(crate) struct Level {
     pub radius: Vec<f32>,
     /// Mean square distance of what shines from `direction`.
     pub spread: Vec<f32>,
+    /// Of blocks, the most of any of their cells: weight · spread, and weight · √spread. 0 elsewhere.
+    pub cells: [Vec<f32>; 2],
 }
 
 /// Texels, 4×4 cells and 16×16 blocks.
@@ -124,7 +126,14 @@ impl Light {
 impl Level {
     fn black(direction: [Vec<f32>; 3]) -> Self {
         let zeros = || vec![0.0; direction[0].len()];
-        Level { flux: std::array::from_fn(|_| zeros()), weight: zeros(), radius: zeros(), spread: zeros(), direction }
+        Level {
+            flux: std::array::from_fn(|_| zeros()),
+            weight: zeros(),
+            radius: zeros(),
+            spread: zeros(),
+            cells: [zeros(), zeros()],
+            direction,
+        }
     }
 
     fn direction_of(&self, run: usize) -> [f64; 3] {
@@ -144,6 +153,11 @@ impl Pyramid {
         let Pyramid { texels, cells, blocks } = self;
         gather_level(texels, cells, CELL_TEXELS, shape.map(|pyramid| &pyramid.cells));
         gather_level(texels, blocks, BLOCK_TEXELS, shape.map(|pyramid| &pyramid.blocks));
+        let own = cells.weight.chunks(BLOCK_TEXELS / CELL_TEXELS).zip(cells.spread.chunks(BLOCK_TEXELS / CELL_TEXELS));
+        for (block, (weight, spread)) in own.enumerate() {
+            let most = |of: fn(f32) -> f32| weight.iter().zip(spread).map(|(weight, spread)| weight * of(*spread)).fold(0.0, f32::max);
+            (blocks.cells[0][block], blocks.cells[1][block]) = (most(|spread| spread), most(f32::sqrt));
+        }
     }
 }
 

@@ -36,6 +36,8 @@ const SCALES: [f64; 3] = [1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0];
 const VIEWS: usize = 33;
 /// Share of cosine sampling, which reaches what the half vector's table misses.
 const COSINE_SHARE: f64 = 0.5;
+/// Entries of [`Measured::peak_at`].
+const PEAKS: usize = 64;
 /// Brightest value that is accepted, sr⁻¹.
 const MOST_VALUE: f32 = 1e9;
 
@@ -48,6 +50,8 @@ pub struct Measured {
     values: Vec<[f32; 3]>,
     /// `[n_h + 1]` largest value of any channel at half angles from node i on; the last is that of the last node.
     peak: Vec<f32>,
+    /// `[PEAKS]` [`Measured::peak_beyond`] at half angles whose sine is (i/PEAKS)².
+    peaks: Vec<f32>,
     /// `[n_h + 1]` probability that a sampled half angle lies below node i (the last node is π/2).
     cumulative: Vec<f64>,
     /// `[VIEWS]` directional albedo.
@@ -130,7 +134,11 @@ impl Measured {
         }
         let total = cumulative[grid[0]];
         cumulative.iter_mut().for_each(|sum| *sum /= total);
-        let mut table = Measured { grid, values, peak, cumulative, albedo: Vec::new() };
+        let mut table = Measured { grid, values, peak, peaks: Vec::new(), cumulative, albedo: Vec::new() };
+        table.peaks = (0..PEAKS)
+            .map(|i| (i as f64 / PEAKS as f64).powi(2))
+            .map(|sine| table.peak_beyond(sine / (1.0 - sine * sine).sqrt()))
+            .collect();
         table.albedo = (0..VIEWS).map(|i| table.albedo_quadrature(i as f64 / (VIEWS - 1) as f64)).collect();
         table
     }
@@ -224,6 +232,12 @@ impl Measured {
         let at = (libm::atan(tangent.max(0.0)) / FRAC_PI_2).sqrt() * self.grid[0] as f64;
         // The look-up between two nodes is at most the larger one: the node below the angle counts.
         self.peak[(at as usize).min(self.grid[0])]
+    }
+
+    /// The same from a sine, by table: a little more.
+    pub(crate) fn peak_at(&self, sine: f32) -> f32 {
+        let at = sine.clamp(0.0, 1.0).sqrt() * PEAKS as f32;
+        self.peaks[(at as usize).min(PEAKS - 1)]
     }
 
     /// A direction from cosine and half-angle sampling mixed; `u` uniform in \[0, 1)². May lie below the horizon.

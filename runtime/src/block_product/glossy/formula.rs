@@ -5,9 +5,10 @@
 //!
 //! | shape | most | κ |
 //! |---|---|---|
-//! | GGX | gain/S(v) · (\|H\|²/q)² | 4 c/q + 1/(z(z + n·v)) + 4 |
-//! | Ward | gain · max z/(z + n·v)² · (1 + m²t₀) exp(−t₀) | 2 c (1 + t₀)/H_z² + 1/(z(z + n·v)) + 4 |
-//! | Cook-Torrance | gain · (1 + m²t)² exp(−t) · max G | the same |
+//! | GGX, one width | gain · (z + r)/D(z + r) · (\|H\|²/q)² | 4 (c − 1)/q + 4 (1 − v·h)³ + [`shadowed_cosine`], D = z S(v) + n·v S(l) |
+//! | GGX, two widths | gain/S(v) · (\|H\|²/q)² | 4 (c − 1)/q + 4 (1 − v·h)³ + 1/(z(z + n·v)) |
+//! | Ward | gain · Z · (1 + m²t₀) exp(−t₀), Z = max z/(z + n·v)² | 2 c (1 + t₀)/H_z² + (2 n·v + z)/(Z (z + n·v)⁴) |
+//! | Cook-Torrance | gain · (1 + m²t)² exp(−t) · max G | 2 c (1 + t₀)/H_z² + 1/(z(z + n·v)) + 4 |
 //! | Blinn-Phong | gain · z (1 + t₀)^(−s/2) | 1.5 s c (1 + e)/((1 + t₀) H_z²) + 1/(2z²), e = s t₀/(2(1 + t₀)) |
 //! | Phong | gain · z (1 − d₀)ˢ, d₀ = max(0, \|c − r\| − r)²/2 | 1.5 s (1 + s d₀) + 1/(2z²) |
 //! | measured | z · (the table's largest value from the half angle of t₀ on) | 1/r², as everything is taken apart down to cells |
@@ -28,8 +29,6 @@ const SLOW_CURVATURE: f32 = 4.0;
 const TINY: f32 = 1e-8;
 /// Covers rough reciprocals (2⁻¹¹) in bounds.
 const ROUGH: f32 = 1.01;
-/// Entries of a measured lobe's bounds.
-const PEAKS: usize = 64;
 
 /// [`TexelLobe`] in f32, as the loops need it.
 #[derive(Clone, Debug)]
@@ -43,23 +42,12 @@ pub(crate) struct Lobe<'a> {
     /// s for Phong, s/2 for Blinn-Phong.
     pub exponent: f32,
     pub gain: f32,
-    pub albedo: f32,
     pub table: Option<&'a Measured>,
-    /// A measured lobe's largest value from the half angle of each entry on; see [`Lobe::peak_at`].
-    peaks: [f32; PEAKS],
 }
 
 impl<'a> Lobe<'a> {
     pub fn new(lobe: &TexelLobe<'a>) -> Self {
         let exponent = if lobe.shape == Shape::BlinnPhong { 0.5 * lobe.exponent } else { lobe.exponent };
-        let mut peaks = [0.0; PEAKS];
-        if let Some(table) = lobe.table {
-            for (i, peak) in peaks.iter_mut().enumerate() {
-                let share = i as f64 / PEAKS as f64;
-                let sine = share * share;
-                *peak = table.peak_beyond(sine / (1.0 - sine * sine).max(1e-12).sqrt());
-            }
-        }
         Lobe {
             shape: lobe.shape,
             frame: lobe.frame.map(|axis| axis.map(|x| x as f32)),
@@ -69,16 +57,8 @@ impl<'a> Lobe<'a> {
             smith_view: lobe.smith_view as f32,
             exponent: exponent as f32,
             gain: lobe.gain as f32,
-            albedo: lobe.albedo() as f32,
             table: lobe.table,
-            peaks,
         }
-    }
-
-    /// Largest value of a measured lobe at half angles whose sine is at least `sine`.
-    fn peak_at(&self, sine: f32) -> f32 {
-        let at = sine.clamp(0.0, 1.0).sqrt() * PEAKS as f32;
-        self.peaks[(at as usize).min(PEAKS - 1)]
     }
 }
 
@@ -148,6 +128,13 @@ pub(crate) trait Formula: Copy {
     fn bounds<L: Lanes>(lanes: L, lobe: &Registers<L>, local: [L::V; 3], r: L::V) -> (L::V, L::V);
 }
 
+/// √a for bounds, within 2⁻¹¹.
+#[inline(always)]
+fn rough_root<L: Lanes>(lanes: L, a: L::V) -> L::V {
+    let a = lanes.max(a, lanes.splat(TINY));
+    lanes.mul(a, lanes.rough_inverse_root(a))
+}
+
 /// H and the squares of its components.
 #[inline(always)]
 fn half_vector<L: Lanes>(lanes: L, lobe: &Registers<L>, [x, y, z]: [L::V; 3]) -> ([L::V; 3], [L::V; 3]) {
@@ -214,15 +201,46 @@ impl<const STRETCHED: bool> Formula for Ggx<STRETCHED> {
         let q = lanes.fma(z, z, least_spread(lanes, lobe, &h, r));
         // Widths are at most 1, so q ≥ |H|² whatever the box says; the lower limit keeps the quotient finite.
         let inverse_q = lanes.rough_reciprocal(lanes.max(q, lanes.splat(TINY)));
-        let hh = lanes.add(lanes.add(xx, yy), zz);
-        let length = lanes.min(lanes.add(lanes.root(hh), r), lanes.splat(2.0));
-        let ratio = lanes.min(lanes.mul(lanes.mul(length, length), inverse_q), lobe.one);
-        let peak = lanes.mul(lobe.gain, lanes.rough_reciprocal(lobe.smith_view));
-        let most = lanes.mul(lanes.mul(lanes.splat(ROUGH), peak), lanes.mul(ratio, ratio));
-        let steep = lanes.max(lobe.inverse_width[0], lobe.inverse_width[1]);
-        let slow = lanes.add(grazing(lanes, lobe, local[2], r), lanes.splat(SLOW_CURVATURE));
-        (most, lanes.fma(lanes.mul(lanes.splat(GGX_CURVATURE), steep), inverse_q, slow))
+        let length = rough_root(lanes, lanes.add(lanes.add(xx, yy), zz));
+        let long = lanes.min(lanes.add(length, r), lanes.splat(2.0));
+        let ratio = lanes.min(lanes.mul(lanes.mul(long, long), inverse_q), lobe.one);
+        let steep = lanes.sub(lanes.max(lobe.inverse_width[0], lobe.inverse_width[1]), lobe.one);
+        // (1 − v·h)³ with the least v·h.
+        let t = lanes.min(lanes.fnma(lanes.splat(0.5), lanes.sub(length, r), lobe.one), lobe.one);
+        let slow = lanes.mul(lanes.splat(SLOW_CURVATURE), lanes.mul(lanes.mul(t, t), t));
+        let (cosine, bend) = if STRETCHED {
+            (lanes.rough_reciprocal(lobe.smith_view), grazing(lanes, lobe, local[2], r))
+        } else {
+            shadowed_cosine(lanes, lobe, local[2], r)
+        };
+        let most = lanes.mul(lanes.mul(lanes.splat(ROUGH * ROUGH), lobe.gain), lanes.mul(cosine, lanes.mul(ratio, ratio)));
+        (most, lanes.fma(lanes.mul(lanes.splat(GGX_CURVATURE), steep), inverse_q, lanes.add(slow, bend)))
     }
+}
+
+/// D = z S(v) + n·v S(l) and 1/S(l) of lobes with one width, within 2⁻¹⁰.
+#[inline(always)]
+fn smith<L: Lanes>(lanes: L, lobe: &Registers<L>, z: L::V) -> (L::V, L::V) {
+    let a = lobe.smith[0];
+    let square = lanes.fma(lanes.mul(lanes.sub(lobe.one, a), z), z, a);
+    let inverse = lanes.rough_inverse_root(square);
+    (lanes.fma(z, lobe.smith_view, lanes.mul(lobe.view[2], lanes.mul(square, inverse))), inverse)
+}
+
+/// Of n·l/(n·l S(v) + n·v S(l)) with one width: the most, and half the second derivative relative to that.
+#[inline(always)]
+fn shadowed_cosine<L: Lanes>(lanes: L, lobe: &Registers<L>, z: L::V, r: L::V) -> (L::V, L::V) {
+    let a = lobe.smith[0];
+    let high = lanes.min(lanes.max(lanes.add(z, r), lanes.splat(TINY)), lobe.one);
+    let (above, _) = smith(lanes, lobe, high);
+    let (below, inverse_s) = smith(lanes, lobe, lanes.max(lanes.sub(z, r), lobe.zero));
+    let inverse_sum = lanes.rough_reciprocal(below);
+    // d²/dz² = −n·v a/(s D²) [(1 − a) z/s² + 2 D′/D], with (1 − a) z ≤ s and D′ ≤ S(v) + n·v.
+    let slope = lanes.mul(lanes.add(lobe.smith_view, lobe.view[2]), inverse_sum);
+    let rate = lanes.fma(lanes.splat(0.5), inverse_s, slope);
+    let curve = lanes.mul(lanes.mul(lobe.view[2], a), lanes.mul(inverse_s, lanes.mul(inverse_sum, inverse_sum)));
+    let bend = lanes.mul(lanes.mul(curve, rate), lanes.mul(above, lanes.rough_reciprocal(high)));
+    (lanes.mul(high, lanes.rough_reciprocal(above)), bend)
 }
 
 /// Ward's Gaussian.
@@ -253,8 +271,12 @@ impl Formula for Ward {
         let large = lanes.rough_reciprocal(lanes.min(lobe.inverse_width[0], lobe.inverse_width[1]));
         let gaussian = lanes.mul(lanes.fma(large, t, lobe.one), lanes.exp2(lanes.mul(t, lanes.splat(-std::f32::consts::LOG2_E))));
         let most = lanes.mul(lanes.mul(lanes.splat(ROUGH), lobe.gain), lanes.mul(cosine, gaussian));
-        let slow = lanes.add(grazing(lanes, lobe, local[2], r), lanes.splat(SLOW_CURVATURE));
-        (most, lanes.fma(lanes.mul(lanes.splat(2.0), steep), lanes.add(lobe.one, t), slow))
+        // Half of d²/dz² of z/(z + n·v)² is below (2 n·v + z)/(z + n·v)⁴.
+        let low = lanes.rough_reciprocal(lanes.add(least, lobe.view[2]));
+        let square = lanes.mul(low, low);
+        let curve = lanes.mul(lanes.add(lanes.add(lobe.view[2], lobe.view[2]), least), lanes.mul(square, square));
+        let bend = lanes.mul(curve, lanes.rough_reciprocal(lanes.max(cosine, lanes.splat(TINY))));
+        (most, lanes.fma(lanes.mul(lanes.splat(2.0), steep), lanes.add(lobe.one, t), bend))
     }
 }
 
@@ -366,7 +388,7 @@ impl Formula for Phong {
     #[inline(always)]
     fn bounds<L: Lanes>(lanes: L, lobe: &Registers<L>, local: [L::V; 3], r: L::V) -> (L::V, L::V) {
         let two = lanes.splat(2.0);
-        let chord = lanes.root(lanes.mul(two, versine(lanes, lobe, local)));
+        let chord = lanes.mul(lanes.splat(1.0 / ROUGH), rough_root(lanes, lanes.mul(two, versine(lanes, lobe, local))));
         let near = lanes.max(lanes.sub(chord, r), lobe.zero);
         let d = lanes.mul(lanes.splat(0.5 / ROUGH), lanes.mul(near, near));
         let z = lanes.min(lanes.add(local[2], r), lobe.one);
@@ -394,6 +416,7 @@ pub(crate) fn measured_values(lobe: &Lobe, directions: [&[f32; WIDTH]; 3], bits:
 
 /// `most` of a measured lobe over balls of radius `r`, horizon aside.
 pub(crate) fn measured_bounds(lobe: &Lobe, directions: [&[f32; WIDTH]; 3], radius: &[f32; WIDTH]) -> [f32; WIDTH] {
+    let Some(table) = lobe.table else { return [0.0; WIDTH] };
     std::array::from_fn(|run| {
         let [x, y, z] = lobe.frame.map(|e| e[0] * directions[0][run] + e[1] * directions[1][run] + e[2] * directions[2][run]);
         let (hx, hy, hz, r) = (x + lobe.view[0], y + lobe.view[1], z + lobe.view[2], radius[run]);
@@ -402,6 +425,6 @@ pub(crate) fn measured_bounds(lobe: &Lobe, directions: [&[f32; WIDTH]; 3], radiu
         let (across, length) = ((hx * hx + hy * hy).sqrt(), hh.sqrt());
         let turn = (r / length).min(1.0);
         let sine = (across * (1.0 - turn * turn).sqrt() - hz.max(0.0) * turn) / length;
-        ROUGH * lobe.gain * (z + r).clamp(0.0, 1.0) * lobe.peak_at(if sine > 0.0 { sine * 0.999 } else { 0.0 })
+        ROUGH * lobe.gain * (z + r).clamp(0.0, 1.0) * table.peak_at(if sine > 0.0 { sine * 0.999 } else { 0.0 })
     })
 }

@@ -100,7 +100,7 @@ impl Seen {
 
     /// Positions and corrections of a block's texels that are open in part.
     #[inline(always)]
-    fn parts_of<'a>(&self, block: usize, point: Option<&PointVisibility<'a>>) -> Option<(&'a [u8], &'a [i8], u32)> {
+    pub fn parts_of<'a>(&self, block: usize, point: Option<&PointVisibility<'a>>) -> Option<(&'a [u8], &'a [i8], u32)> {
         let fractions = point?.fractions?;
         if fractions.blocks[block / 32] >> (block % 32) & 1 == 0 {
             return None;
@@ -136,13 +136,20 @@ impl Seen {
         weights
     }
 
+    /// Where a mixed block's texels change, and the bit before the first.
+    #[inline(always)]
+    pub fn transitions<'a>(&self, block: usize, point: &PointVisibility<'a>) -> (&'a [u8], bool) {
+        let (first, count) = (self.first[block] as usize, usize::from(self.count[block]));
+        (&point.positions[first..first + count], self.before[block])
+    }
+
     /// Open texels of a block.
     #[inline(always)]
     pub fn cells_of<L: Lanes>(&self, lanes: L, block: usize, point: Option<&PointVisibility>) -> Cells {
         let Some(point) = point.filter(|_| self.mixed[block / WIDTH] >> (block % WIDTH) & 1 == 1) else {
             return Cells::WHOLE;
         };
-        let (first, count) = (self.first[block] as usize, usize::from(self.count[block]));
-        lanes.cells(&point.positions[first..first + count], self.before[block])
+        let (positions, before) = self.transitions(block, point);
+        lanes.cells(positions, before)
     }
 }

@@ -36,7 +36,6 @@ pub trait Lanes: Copy {
     fn rough_reciprocal(self, a: Self::V) -> Self::V;
     /// 1/√a within 2⁻¹¹, a > 0.
     fn rough_inverse_root(self, a: Self::V) -> Self::V;
-    fn root(self, a: Self::V) -> Self::V;
     /// 2ᵃ for −100 ≤ a ≤ 126, rounded to the nearest integer, and that integer's power.
     fn whole_power(self, a: Self::V) -> (Self::V, Self::V);
     /// Mantissa m in 0.75..1.5 and exponent e of a normal a = m·2ᵉ > 0.
@@ -208,9 +207,6 @@ impl Lanes for Plain {
     }
     fn rough_inverse_root(self, a: Self::V) -> Self::V {
         map(a, |a| 1.0 / a.sqrt())
-    }
-    fn root(self, a: Self::V) -> Self::V {
-        map(a, f32::sqrt)
     }
     fn whole_power(self, a: Self::V) -> (Self::V, Self::V) {
         let whole = map(a, |a| a.round_ties_even());

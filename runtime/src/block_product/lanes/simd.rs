@@ -102,11 +102,6 @@ impl Lanes for Avx512 {
         unsafe { _mm512_rsqrt14_ps(a) }
     }
     #[inline(always)]
-    fn root(self, a: __m512) -> __m512 {
-        // SAFETY: see `splat`.
-        unsafe { _mm512_sqrt_ps(a) }
-    }
-    #[inline(always)]
     fn whole_power(self, a: __m512) -> (__m512, __m512) {
         // SAFETY: see `splat`.
         unsafe {
@@ -159,8 +154,40 @@ impl Lanes for Avx512 {
 
     #[inline(always)]
     fn cells(self, positions: &[u8], before: bool) -> Cells {
-        // SAFETY: who holds `self` has AVX2.
-        unsafe { cells(positions, before) }
+        // SAFETY: who holds `self` has AVX-512.
+        unsafe { cells_by_eight(positions, before) }
+    }
+}
+
+/// [`Lanes::cells`]: a change turns every bit from its own on, in each of four words; a shift by 64 and more leaves none.
+#[inline]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+fn cells_by_eight(positions: &[u8], before: bool) -> Cells {
+    let (all, zero, word) = (_mm512_set1_epi64(-1), _mm512_setzero_si512(), _mm512_set1_epi64(64));
+    let mut words = [zero; 4];
+    for eight in positions.chunks(8) {
+        let valid = 0xffu8 >> (8 - eight.len());
+        // SAFETY: as many bytes as the mask has bits.
+        let bytes = unsafe { _mm_maskz_loadu_epi8(u16::from(valid), eight.as_ptr().cast()) };
+        let mut at = _mm512_cvtepu8_epi64(bytes);
+        for bits in &mut words {
+            *bits = _mm512_xor_si512(*bits, _mm512_maskz_sllv_epi64(valid, all, _mm512_max_epi64(at, zero)));
+            at = _mm512_sub_epi64(at, word);
+        }
+    }
+    // Eight words each to one.
+    let [a, b, c, d] = words;
+    let low = _mm512_xor_si512(_mm512_unpacklo_epi64(a, b), _mm512_unpackhi_epi64(a, b));
+    let high = _mm512_xor_si512(_mm512_unpacklo_epi64(c, d), _mm512_unpackhi_epi64(c, d));
+    let pairs = _mm512_xor_si512(_mm512_shuffle_i64x2::<0x44>(low, high), _mm512_shuffle_i64x2::<0xee>(low, high));
+    let (low, high) = (_mm512_castsi512_si256(pairs), _mm512_extracti64x4_epi64::<1>(pairs));
+    let bits = _mm256_xor_si256(_mm256_permute2x128_si256::<0x20>(low, high), _mm256_permute2x128_si256::<0x31>(low, high));
+    let bits = _mm256_xor_si256(bits, _mm256_set1_epi64x(if before { -1 } else { 0 }));
+    Cells {
+        // SAFETY: every bit pattern is a valid array.
+        texels: unsafe { std::mem::transmute::<__m256i, [u16; WIDTH]>(bits) },
+        whole: _mm256_cmpeq_epi16_mask(bits, _mm256_set1_epi16(-1)),
+        none: _mm256_cmpeq_epi16_mask(bits, _mm256_setzero_si256()),
     }
 }
 
@@ -236,10 +263,6 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn rough_inverse_root(self, a: Self::V) -> Self::V {
         halves!(_mm256_rsqrt_ps(a))
-    }
-    #[inline(always)]
-    fn root(self, a: Self::V) -> Self::V {
-        halves!(_mm256_sqrt_ps(a))
     }
     #[inline(always)]
     fn whole_power(self, a: Self::V) -> (Self::V, Self::V) {
