@@ -146,6 +146,19 @@ struct Rasteriser<'a> {
     width: usize,
     height: usize,
     pattern: Vec<[f32; 2]>,
+    /// The samples' places in a pixel along x and along y, ascending.
+    places: [Vec<f64>; 2],
+}
+
+/// Arrays of a triangle's samples, kept between triangles.
+struct Scratch {
+    /// Of the three edges and of 1/z, at each sample relative to its pixel.
+    offsets: [[f32; MAX_SAMPLES]; 4],
+    inverse_z: [f32; MAX_SAMPLES],
+}
+
+impl Scratch {
+    const NEW: Scratch = Scratch { offsets: [[0.0; MAX_SAMPLES]; 4], inverse_z: [0.0; MAX_SAMPLES] };
 }
 
 impl Visibility {
@@ -179,6 +192,12 @@ impl Visibility {
             };
             (class, material.double_sided)
         };
+        let pattern = sample_pattern(samples.clamp(1, MAX_SAMPLES));
+        let places = [0, 1].map(|axis: usize| {
+            let mut places: Vec<f64> = pattern.iter().map(|p| f64::from(p[axis])).collect();
+            places.sort_by(f64::total_cmp);
+            places
+        });
         let rasteriser = Rasteriser {
             meshes,
             materials,
@@ -188,7 +207,8 @@ impl Visibility {
             object_start,
             width,
             height,
-            pattern: sample_pattern(samples.clamp(1, MAX_SAMPLES)),
+            pattern,
+            places,
         };
         let bins = rasteriser.bins();
         let tiles = map_indices(rasteriser.tiles_x() * rasteriser.tiles_y(), |tile| rasteriser.tile(tile, &bins));
@@ -261,7 +281,7 @@ impl Rasteriser<'_> {
         self.classes.get(material).copied().unwrap_or((Class::Solid, true))
     }
 
-    /// Pixels that the triangle may touch; `None` when it is culled or out of view.
+    /// Pixels of which the triangle may cover samples; `None` when there are none, or it is culled.
     fn pixel_box(&self, corners: [[f64; 3]; 3], double_sided: bool) -> Option<PixelBox> {
         // A box is cheaper than a determinant, and most triangles that are out of view are far out of it.
         let mut low = [f64::INFINITY; 2];
@@ -302,6 +322,11 @@ impl Rasteriser<'_> {
             }
             pixels[k] = first as usize;
             pixels[k + 2] = last.min(size[k] - 0.5) as usize;
+            // Most triangles of a dense mesh lie between the samples.
+            let passes = |pixel: usize| self.places[k].iter().any(|place| (first..=last).contains(&(pixel as f64 + place)));
+            if pixels[k + 2] - pixels[k] < 2 && !passes(pixels[k]) && !passes(pixels[k + 2]) {
+                return None;
+            }
         }
         (double_sided || Edges::new(corners)?.front).then_some(pixels)
     }
@@ -357,12 +382,13 @@ impl Rasteriser<'_> {
         let n = self.pattern.len();
         let mut depth = TileDepth { inverse_z: vec![0.0; TILE * TILE * n], triangle: vec![NO_TRIANGLE; TILE * TILE * n] };
         let mut blend = Vec::new();
+        let mut scratch = Scratch::NEW;
         for id in triangles {
             let (object, triangle) = locate(&self.object_start, id);
             if self.class(object, triangle).0 == Class::Blend {
                 blend.push(id);
             } else {
-                self.draw_solid(id, bounds, &mut depth);
+                self.draw_solid(id, bounds, &mut depth, &mut scratch);
             }
         }
         let solid = self.fragments(&depth);
@@ -370,11 +396,11 @@ impl Rasteriser<'_> {
         TileFragments { solid, blend }
     }
 
-    fn draw_solid(&self, id: u32, bounds: PixelBox, depth: &mut TileDepth) {
+    fn draw_solid(&self, id: u32, bounds: PixelBox, depth: &mut TileDepth, scratch: &mut Scratch) {
         let (object, triangle) = locate(&self.object_start, id);
         let (class, double_sided) = self.class(object, triangle);
         let n = self.pattern.len();
-        self.cover(id, bounds, double_sided, |x, y, mut samples, inverse_z| {
+        self.cover(id, bounds, double_sided, scratch, |x, y, mut samples, inverse_z| {
             if let Class::Mask(cutoff) = class {
                 samples = self.cut(object, triangle, cutoff, x, y, samples);
             }
@@ -417,7 +443,14 @@ impl Rasteriser<'_> {
     }
 
     /// Calls `f(x, y, samples inside, 1/z of every sample)` for each pixel of the tile that the triangle covers in part.
-    fn cover(&self, id: u32, bounds: PixelBox, double_sided: bool, mut f: impl FnMut(usize, usize, u64, &[f32; MAX_SAMPLES])) {
+    fn cover(
+        &self,
+        id: u32,
+        bounds: PixelBox,
+        double_sided: bool,
+        Scratch { offsets, inverse_z }: &mut Scratch,
+        mut f: impl FnMut(usize, usize, u64, &[f32; MAX_SAMPLES]),
+    ) {
         let (object, triangle) = locate(&self.object_start, id);
         let corners = self.corners(object, triangle);
         let Some(pixels) = self.pixel_box(corners, double_sided) else {
@@ -435,7 +468,6 @@ impl Rasteriser<'_> {
         // On the edge itself: inside when the plane grows to the right, or down where it does not change to the right.
         let owns = planes.map(|[a, b, _]| a > 0.0 || (a == 0.0 && b > 0.0));
         let n = self.pattern.len();
-        let mut offsets = [[0.0f32; MAX_SAMPLES]; 4];
         for (k, plane) in planes.iter().chain([&z_plane]).enumerate() {
             for (s, [ox, oy]) in self.pattern.iter().enumerate() {
                 offsets[k][s] = (plane[0] * f64::from(*ox) + plane[1] * f64::from(*oy)) as f32;
@@ -443,7 +475,6 @@ impl Rasteriser<'_> {
         }
         let value = |plane: &[f64; 3], x: usize, y: usize| plane[2] + plane[0] * x as f64 + plane[1] * y as f64;
         let largest = planes.map(|[a, b, _]| a.max(0.0) + b.max(0.0));
-        let mut inverse_z = [0.0f32; MAX_SAMPLES];
         for y in pixels[1].max(bounds[1])..=pixels[3].min(bounds[3]) {
             for x in pixels[0].max(bounds[0])..=pixels[2].min(bounds[2]) {
                 let corner = [0, 1, 2].map(|k| value(&planes[k], x, y));
@@ -462,7 +493,7 @@ impl Rasteriser<'_> {
                     for s in 0..n {
                         inverse_z[s] = z + offsets[3][s];
                     }
-                    f(x, y, samples, &inverse_z);
+                    f(x, y, samples, inverse_z);
                 }
             }
         }
@@ -492,10 +523,11 @@ impl Rasteriser<'_> {
     fn blend_fragments(&self, triangles: &[u32], bounds: PixelBox, depth: &TileDepth) -> Vec<Fragment> {
         let n = self.pattern.len();
         let mut layers: Vec<Vec<(f32, Fragment)>> = vec![Vec::new(); TILE * TILE];
+        let mut scratch = Scratch::NEW;
         for id in triangles {
             let (object, triangle) = locate(&self.object_start, *id);
             let (_, double_sided) = self.class(object, triangle);
-            self.cover(*id, bounds, double_sided, |x, y, samples, inverse_z| {
+            self.cover(*id, bounds, double_sided, &mut scratch, |x, y, samples, inverse_z| {
                 let pixel = (y - bounds[1]) * TILE + x - bounds[0];
                 let seen = |s: &usize| samples >> s & 1 == 1 && inverse_z[*s] > depth.inverse_z[pixel * n + *s];
                 let (mut set, mut sum) = (0u64, 0.0);
