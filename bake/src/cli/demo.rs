@@ -11,6 +11,7 @@ use prelight_bake::demo::write_scene;
 use prelight_bake::progress::{Stage, check};
 use prelight_manifests::ByteSize;
 use prelight_runtime::asset::Asset;
+use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::draw::metrics::compare;
 use prelight_runtime::draw::tonemap::automatic_exposure;
 use serde_json::Value;
@@ -64,12 +65,12 @@ fn picture(asset: &Asset, camera: &str, light: &str, path: &Path, size: (u32, u3
         Ok(Picture { camera: opened::camera(asset, &view(size))?, size: [size.0 as usize, size.1 as usize], samples: 16, clay: false })
     };
     let mut row = Summary::new();
-    let frame = relight(asset, &environment, &wanted(size)?, &mut row)?.frame;
+    let frame = relight(asset, &environment, &wanted(size)?, Accuracy::FINE, &mut row)?.frame;
     write_image(&frame.image, path, automatic_exposure(&frame.image, &frame.mask))?;
     drop(stage);
     let small = wanted(((size.0 / REFERENCE_SHARE).max(1), (size.1 / REFERENCE_SHARE).max(1)))?;
     let truth = Truth::new(asset, &environment, REFERENCE_SAMPLES, 0).picture(&small, context)?;
-    let small = relight(asset, &environment, &small, &mut Summary::new())?.frame;
+    let small = relight(asset, &environment, &small, Accuracy::FINE, &mut Summary::new())?.frame;
     let metrics = compare(&small.image, &truth.images.image, &truth.images.mask, None, Some([&truth.images.half_a, &truth.images.half_b]))?;
     set_metrics(&mut row, &metrics);
     row.set("image", path.display().to_string()).set("camera", camera).set("environment", light).set("seconds.reference", truth.seconds);

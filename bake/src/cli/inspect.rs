@@ -11,6 +11,7 @@ use prelight_manifests::ByteSize;
 use prelight_manifests::asset::AssetObject;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::points::BURIED;
+use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::draw::camera::CameraRays;
 use prelight_runtime::draw::flip::flip_map;
 use prelight_runtime::draw::image::Image;
@@ -304,7 +305,7 @@ fn map_error(asset: &Asset, args: &InspectArgs, output: &Path, context: &Context
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
     let mut summary = Summary::new();
     let picture = Picture { camera, size, samples: 16, clay: false };
-    let frame = relight(asset, &environment, &picture, &mut summary)?.frame;
+    let frame = relight(asset, &environment, &picture, Accuracy::FINE, &mut summary)?.frame;
     let truth = Truth::new(asset, &environment, args.reference, 0).picture(&picture, context)?;
     let metrics = compare(&frame.image, &truth.images.image, &truth.images.mask, None, Some([&truth.images.half_a, &truth.images.half_b]))?;
     let look = |image: &Image| expose(image, metrics.exposure as f32);

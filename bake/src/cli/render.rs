@@ -8,6 +8,7 @@ use super::truth::{Truth, split_error};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_runtime::asset::Asset;
+use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::draw::at_points::PointImage;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::image::Image;
@@ -42,6 +43,9 @@ pub struct RenderArgs {
     /// Samples a pixel
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: u32,
+    /// How exact glossy light is: fine for measurements, display for pictures that are looked at, in half the time
+    #[arg(long, value_enum, default_value = "fine")]
+    pub accuracy: GlossyAccuracy,
     /// Plain grey surfaces: no textures, normal maps or emission
     #[arg(long)]
     pub clay: bool,
@@ -57,6 +61,24 @@ pub struct RenderArgs {
     /// Bounces of the reference; 0 is direct light, what the bake holds
     #[arg(long, value_name = "N", default_value_t = 0, requires = "reference", value_parser = clap::value_parser!(u32).range(0..=64))]
     pub bounces: u32,
+}
+
+/// `--accuracy`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum GlossyAccuracy {
+    /// A thousandth of the result.
+    Fine,
+    /// About a thousandth of white.
+    Display,
+}
+
+impl GlossyAccuracy {
+    fn accuracy(self) -> Accuracy {
+        match self {
+            GlossyAccuracy::Fine => Accuracy::FINE,
+            GlossyAccuracy::Display => Accuracy::DISPLAY,
+        }
+    }
 }
 
 /// Runs the verb.
@@ -75,7 +97,8 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     summary.set("image", args.output.display().to_string());
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
     let picture = Picture { camera, size, samples: args.samples as usize, clay: args.clay };
-    let relit = if args.reference_only { None } else { Some(relight(&asset, &environment, &picture, &mut summary)?) };
+    let relit =
+        if args.reference_only { None } else { Some(relight(&asset, &environment, &picture, args.accuracy.accuracy(), &mut summary)?) };
     summary.set("seconds.open", open);
     summary.set("camera.eye", floats(camera.eye)).set("camera.look_at", floats(camera.look_at)).set("camera.up", floats(camera.up));
     summary.set("camera.fov_y_deg", round(camera.fov_y_deg));
@@ -130,12 +153,19 @@ impl Relit<'_> {
 }
 
 /// The picture from the bake alone.
-pub fn relight<'a>(asset: &'a Asset, environment: &Environment, picture: &Picture, summary: &mut Summary) -> Result<Relit<'a>, Failure> {
+pub fn relight<'a>(
+    asset: &'a Asset,
+    environment: &Environment,
+    picture: &Picture,
+    accuracy: Accuracy,
+    summary: &mut Summary,
+) -> Result<Relit<'a>, Failure> {
     let clock = Instant::now();
     let (light, energy) = LightCubemap::from_environment(environment, asset.manifest().content.face_resolution as usize);
     let mut relighter = Relighter::new(asset);
     // Clay has its own bounces, which nobody baked.
     relighter.set_indirect(!picture.clay);
+    relighter.set_accuracy(accuracy);
     relighter.set_light(&light);
     summary.set("seconds.prepare", clock.elapsed().as_secs_f64());
     summary.set("energy.before", energy.before.to_vec()).set("energy.after", energy.after.to_vec());
