@@ -4,6 +4,9 @@
 //! Single rays: obvhs BVH2 medium, triangles in the tree's order, one ray a texel above the horizon. For the ratio that the marks speak
 //! of, build with `RUSTFLAGS="-C target-cpu=native"`. Scenes are read from `../shared/scenes`; without them one made in code stands in.
 //!
+//! Below, the bytes of the same scenes' patches: of their chunks in memory and after zstd -3, beside those of the same bits as gaps between
+//! changes in row order, varints, after zstd -3.
+//!
 //! `PRELIGHT_BENCH_ONLY=apartment` picks scenes, `PRELIGHT_BENCH_ROUNDS=0` leaves out the rays, `PRELIGHT_BENCH_FACE=128` takes faces of
 //! 128² texels instead of 64².
 
@@ -12,6 +15,7 @@ use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::ray::Ray;
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
+use prelight_bake::block_product::visibility::encode;
 use prelight_bake::scene::gltf::{LoadLimits, load};
 use prelight_bake::scene::world::{Occlusion, World};
 use prelight_bake::trace::{OccluderOptions, Occluders, Scratch, TraceOrigin, TreeQuality, horizon};
@@ -21,6 +25,8 @@ use rustix::time::{ClockId, clock_gettime};
 
 const RUNS: usize = 16;
 const RUN_POINTS: usize = 32;
+/// Points of a full patch.
+const PATCH_POINTS: usize = 256;
 
 struct Subject {
     name: String,
@@ -56,8 +62,8 @@ fn surface_points(world: &World) -> Vec<Point> {
     solid.filter_map(point).collect()
 }
 
-/// 16 runs of 32 neighbours, evenly spaced along a space-filling curve, lifted off the surface by 1e-5 of the diagonal.
-fn origins(world: &World) -> Vec<Point> {
+/// 16 runs of neighbours, evenly spaced along a space-filling curve, lifted off the surface by 1e-5 of the diagonal.
+fn origins(world: &World, run_points: usize) -> Vec<Point> {
     let corners = || world.positions.iter().flatten();
     let lo: [f32; 3] = std::array::from_fn(|k| corners().map(|c| c[k]).fold(f32::INFINITY, f32::min));
     let hi: [f32; 3] = std::array::from_fn(|k| corners().map(|c| c[k]).fold(f32::NEG_INFINITY, f32::max));
@@ -65,7 +71,7 @@ fn origins(world: &World) -> Vec<Point> {
     let mut points = surface_points(world);
     points.sort_by_key(|(p, _)| morton(*p, lo, diagonal));
     let step = points.len() / RUNS;
-    let run = |r: usize| points[r * step..].iter().take(RUN_POINTS);
+    let run = |r: usize| points[r * step..].iter().take(run_points);
     let lift = |(p, n): &Point| (std::array::from_fn(|k| p[k] + 1e-5 * diagonal * n[k]), *n);
     (0..RUNS).flat_map(run).map(lift).collect()
 }
@@ -107,7 +113,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 fn measure(subject: &Subject) {
-    let (points, n) = (origins(&subject.world), subject.face_resolution);
+    let (points, n) = (origins(&subject.world, RUN_POINTS), subject.face_resolution);
     let rounds = std::env::var("PRELIGHT_BENCH_ROUNDS").ok().and_then(|r| r.parse().ok()).unwrap_or(3);
     let seconds = std::time::Instant::now();
     let occluders = Occluders::build(&subject.world, &[], OccluderOptions::default());
@@ -168,6 +174,50 @@ fn measure(subject: &Subject) {
     assert!(differing as f64 <= 1e-5 * traced as f64 + 1.0, "{differing} of {traced} bits differ from single rays");
 }
 
+/// Gaps between the changes of row-major bits, as varints.
+fn row_order(open: &[u64], out: &mut Vec<u8>) {
+    let (mut last, mut state) = (0, false);
+    for texel in 0..64 * open.len() {
+        if (open[texel / 64] >> (texel % 64) & 1 == 1) != state {
+            let mut gap = texel - last;
+            while gap >= 128 {
+                out.push((gap % 128) as u8 | 128);
+                gap /= 128;
+            }
+            out.push(gap as u8);
+            (last, state) = (texel, !state);
+        }
+    }
+    // Closes the point: no change is a gap of 0 but the first.
+    out.push(0);
+}
+
+/// Bytes a point: chunk, chunk after zstd, row order after zstd.
+fn bytes(subject: &Subject) {
+    let (points, n) = (origins(&subject.world, PATCH_POINTS), subject.face_resolution);
+    let occluders = Occluders::build(&subject.world, &[], OccluderOptions::default());
+    let mut scratch = Scratch::default();
+    let squeezed = |bytes: &[u8]| zstd::bulk::compress(bytes, 3).map_or(bytes.len(), |small| small.len());
+    let mut sums = [0; 3];
+    for patch in points.chunks(PATCH_POINTS) {
+        let (mut open, mut rows) = (vec![0; open_words(n) * patch.len()], Vec::new());
+        for (&(origin, normal), open) in patch.iter().zip(open.chunks_mut(open_words(n))) {
+            occluders.open_texels(&TraceOrigin { origin, normal, base_triangles: &[] }, n, &mut scratch, open);
+            row_order(open, &mut rows);
+        }
+        let chunk = encode(n, &open);
+        for (sum, bytes) in sums.iter_mut().zip([chunk.len(), squeezed(&chunk), squeezed(&rows)]) {
+            *sum += bytes;
+        }
+    }
+    let [chunk, stored, rows] = sums.map(|sum| sum as f64 / points.len() as f64);
+    println!(
+        "{:<14} bytes a point: {chunk:>6.1} in memory, {stored:>6.1} stored, {rows:>6.1} in row order: {:.2}x",
+        subject.name,
+        stored / rows
+    );
+}
+
 /// A wavy floor under a wavy sheet: stands in where the shared scenes are absent.
 fn made_in_code() -> World {
     let height = |x: usize, z: usize| ((x as f32 * 0.7).sin() + (z as f32 * 0.45).cos()) * 0.02;
@@ -189,6 +239,7 @@ fn main() {
         "scene", "tris", "build s", "us/point", "ratio", "v.slow", "ratio", "rays us", "Mray/s", "hidden"
     );
     let only = std::env::var("PRELIGHT_BENCH_ONLY").unwrap_or_default();
+    let mut subjects = Vec::new();
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/scenes");
     for name in ["bunny_plane", "apartment", "dragon", "table_chairs"].into_iter().filter(|name| name.contains(&only)) {
         let path = folder.join(name).with_extension("glb");
@@ -197,11 +248,13 @@ fn main() {
             continue;
         }
         match load(&path, &LoadLimits::default()) {
-            Ok(scene) => measure(&Subject { name: name.into(), world: World::build(&scene), face_resolution }),
+            Ok(scene) => subjects.push(Subject { name: name.into(), world: World::build(&scene), face_resolution }),
             Err(error) => eprintln!("SKIPPED: {name}: {error}"),
         }
     }
     if "made_in_code".contains(&only) {
-        measure(&Subject { name: "made_in_code".into(), world: made_in_code(), face_resolution });
+        subjects.push(Subject { name: "made_in_code".into(), world: made_in_code(), face_resolution });
     }
+    subjects.iter().for_each(measure);
+    subjects.iter().for_each(bytes);
 }
