@@ -13,7 +13,7 @@ mod work;
 pub use options::{BakeOptions, RebakeOptions};
 pub use stats::{BakeStats, TileStats};
 
-use crate::engine::object::{Known, KnownLight, known_objects, object_keys};
+use crate::engine::object::{Known, KnownLight, known_objects, object_keys, snapshot};
 use crate::engine::patch::Shadowing;
 use crate::engine::threads::Tracer;
 use crate::engine::transfer::TransferBaker;
@@ -22,7 +22,6 @@ use crate::plan::buried::BuriedProbe;
 use crate::plan::layer::{MAX_LAYERS, layers};
 use crate::plan::pieces::Pieces;
 use crate::plan::plan_object;
-use crate::plan::snapshot::Snapshot;
 use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::World;
@@ -60,9 +59,7 @@ pub struct Baked {
 /// [`BakeError::Cancelled`] as soon as the shards in flight are done, [`BakeError::Memory`] before any work when an object cannot fit, and
 /// what the store says.
 pub fn bake(scene: &Scene, options: &BakeOptions, store: &Store, progress: &dyn Progress) -> Result<Baked, BakeError> {
-    let world = World::build(scene);
-    let counts = crate::plan::estimate::count_points(scene, &world, &options.points, None)?;
-    bake_counted(scene, &world, &counts, options, store, progress)
+    bake_with_previews(scene, &World::build(scene), None, options, store, progress, None)
 }
 
 /// [`bake`] of a scene that is flattened already and whose points, `[objects]`, are counted.
@@ -77,21 +74,22 @@ pub fn bake_counted(
     store: &Store,
     progress: &dyn Progress,
 ) -> Result<Baked, BakeError> {
-    bake_with_previews(scene, world, counts, options, store, progress, None)
+    bake_with_previews(scene, world, Some(counts), options, store, progress, None)
 }
 
 /// What is told of each preview: an asset of the coarsest points, valid as it is. Whether to go on.
 pub type OnPreview<'a> = dyn FnMut(Baked) -> ControlFlow<()> + 'a;
 
 /// [`bake_counted`] that first seals coarse assets, each of points that the next has too: nothing is traced twice, and the last asset is that
-/// of a bake without previews. There are none where little is missing, or more than the memory allows at once.
+/// of a bake without previews. There are none where little is missing, or more than the memory allows at once. Without `counts`, points are
+/// counted where no earlier bake says how many there are.
 ///
 /// # Errors
 /// As [`bake`]; [`BakeError::Cancelled`] when a preview is answered with a break.
 pub fn bake_with_previews(
     scene: &Scene,
     world: &World,
-    counts: &[u64],
+    counts: Option<&[u64]>,
     options: &BakeOptions,
     store: &Store,
     progress: &dyn Progress,
@@ -103,7 +101,7 @@ pub fn bake_with_previews(
     let mut stats = BakeStats::default();
     let wanted = |object: usize| options.rebake.wants(object);
     let keys = object_keys(scene, world, &pieces, options, &wanted);
-    let snapshot = Snapshot::new(&pieces);
+    let snapshot = snapshot(&pieces, &keys);
     // Whoever wants hits checked wants all of them looked up one by one; what is to be measured needs its plan; indirect light hangs on the
     // whole scene, which an object's record does not know.
     let in_detail = options.rebake.paranoid.is_some() || options.rebake.measure.is_some();
@@ -124,13 +122,20 @@ pub fn bake_with_previews(
         lights.push(light);
     }
     let missing: Vec<bool> = objects.iter().enumerate().map(|(object, known)| wanted(object) && known.is_none()).collect();
-    let counts: Vec<u64> = counts.iter().zip(&missing).map(|(count, missing)| if *missing { *count } else { 0 }).collect();
+    let count = |object: usize| match (&lights[object], counts) {
+        _ if !missing[object] => Ok(0),
+        (Some(known), _) => Ok(known.light.patches.iter().map(|patch| u64::from(patch.n_points)).sum()),
+        (None, Some(counts)) => Ok(counts[object]),
+        (None, None) => crate::plan::estimate::count_object_points(scene, world, &options.points, object),
+    };
+    let counts: Vec<u64> = (0..missing.len()).into_par_iter().map(count).collect::<Result<_, _>>()?;
     let batches = crate::plan::estimate::batches(world, &counts, options.memory, rayon::current_num_threads())?;
     clock.lap("plan");
 
     if missing.contains(&true) {
         let occluder_options = OccluderOptions { quality: options.tree, ..OccluderOptions::default() };
         let occluders = Occluders::build_layers(world, &scene.textures, occluder_options, &layer_of, MAX_LAYERS);
+        lights.iter().flatten().for_each(|known| known.edit.prepare(scene, world, &pieces, occluder_options, store));
         let names: Vec<&str> = scene.objects.iter().map(|object| object.name.as_str()).collect();
         let tracer = Tracer {
             shadowing: Shadowing {

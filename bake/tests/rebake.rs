@@ -165,6 +165,40 @@ fn after_random_edits_a_rebake_is_the_clean_bake_and_no_key_stands_for_two_resul
 }
 
 #[test]
+fn edits_of_what_is_not_baked_and_of_coarser_bakes_give_the_clean_bake_too() {
+    let base = room();
+    let (mut taken_over, mut redone) = (0, 0);
+    // The only record of what is left out is its pieces' boxes; a coarser bake has points that hang on what others see.
+    for coarser in [false, true] {
+        let options_of = |scene: &Scene| {
+            let mut options = options(scene);
+            if coarser {
+                options.points.iter_mut().for_each(|params| params.coarser = true);
+            } else {
+                let is_baked = |object: &Object| !["table", "lamp", "chest"].iter().any(|name| object.name.starts_with(name));
+                options.rebake.only = Some(scene.objects.iter().map(is_baked).collect());
+            }
+            options
+        };
+        let folder = folder();
+        let store = Store::open_or_create(folder.path()).unwrap();
+        bake_in(&base, &options_of(&base), &store);
+        let mut random = Random(5);
+        for (step, edit) in [Edit::Move, Edit::Turn, Edit::Duplicate, Edit::Delete, Edit::Scale, Edit::Move].into_iter().enumerate() {
+            let mut scene = base.clone();
+            let object = scene.objects.iter().position(|object| object.name == ["table", "chest", "lamp"][step % 3]).expect("it is there");
+            let said = apply(&mut scene, object, edit, &mut random);
+            let options = options_of(&scene);
+            let rebaked = bake_in(&scene, &options, &store);
+            assert_eq!(rebaked.asset_digest, clean(&scene, &options).2.asset_digest, "coarser {coarser}: {said}");
+            taken_over += rebaked.stats.tiles.known - rebaked.stats.tiles.redone;
+            redone += rebaked.stats.tiles.redone;
+        }
+    }
+    assert!(redone > 0 && taken_over > 5 * redone, "{redone} tiles redone, {taken_over} taken over");
+}
+
+#[test]
 fn light_factors_and_undoing_redo_nothing() {
     let folder = folder();
     let store = Store::open_or_create(folder.path()).unwrap();

@@ -58,7 +58,7 @@ fn previews_are_valid_coarse_and_part_of_the_same_bake() {
         previews.push(baked);
         ControlFlow::Continue(())
     };
-    let baked = bake_with_previews(&scene, &world, &counts, &options, &store, &Silent, Some(&mut keep)).unwrap();
+    let baked = bake_with_previews(&scene, &world, Some(&counts), &options, &store, &Silent, Some(&mut keep)).unwrap();
     assert_eq!(baked.asset_digest, expected.asset_digest, "the finished bake is that without previews");
     assert_eq!(baked.stats.tiles, expected.stats.tiles, "nothing is traced twice");
     assert!(!previews.is_empty());
@@ -92,13 +92,13 @@ fn a_preview_that_is_refused_ends_the_bake_and_the_next_one_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open_or_create(folder.path()).unwrap();
     let mut stop = |_| ControlFlow::Break(());
-    bake_with_previews(&scene, &world, &counts, &options, &store, &Silent, Some(&mut stop)).unwrap_err();
+    bake_with_previews(&scene, &world, Some(&counts), &options, &store, &Silent, Some(&mut stop)).unwrap_err();
     let mut points = 0;
     let mut first = |baked: Baked| {
         points = baked.stats.points;
         assert_eq!(baked.stats.tiles.traced, 0, "what was traced for the refused preview is used");
         ControlFlow::Break(())
     };
-    bake_with_previews(&scene, &world, &counts, &options, &store, &Silent, Some(&mut first)).unwrap_err();
+    bake_with_previews(&scene, &world, Some(&counts), &options, &store, &Silent, Some(&mut first)).unwrap_err();
     assert!(points > 0);
 }

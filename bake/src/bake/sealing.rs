@@ -80,8 +80,8 @@ impl Sealing<'_> {
         let mut sealed = Vec::with_capacity(work.len());
         let patches = work.iter().map(|object| object.plan.patches.len() as u64).sum();
         let stage = Stage::begin(self.progress, "seal", Some(patches), "patches");
-        let snapshot = self.snapshot.key();
         let data = self.snapshot.encode();
+        let snapshot = Snapshot::key_of(&data);
         let recorded = whole && data.len() <= MAX_RECORD_DATA;
         if recorded && self.store.lookup(&snapshot)?.is_none() {
             writer.record(snapshot, Record { chunks: Vec::new(), data });

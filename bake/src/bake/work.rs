@@ -104,7 +104,7 @@ impl ObjectWork {
         let mut differing = self.differing.clone();
         if let Some((known, _)) = self.standing() {
             let after = |patch: &LightPatch| {
-                let reach = patch.reach.after(&known.changes, patch.reach.buried, raster(options));
+                let reach = patch.reach.after(&known.edit.changes, patch.reach.buried, raster(options));
                 LightPatch { reach, ..patch.clone() }
             };
             patches.extend(known.light.patches[patches.len()..].iter().map(after));
@@ -187,7 +187,7 @@ impl ObjectWork {
                 // Nothing is interpolated from a buried point, so nothing leaks from it.
                 let ask = || !is_buried(a) && !is_buried(b) && (leak(a, b) || indirect.as_ref().is_some_and(|differs| differs(a, b)));
                 let answer = match &recall {
-                    Some(recall) => recall.answer([a, b], [a, b].map(patch_of), ask),
+                    Some(recall) => recall.answer([a, b], ask),
                     None => ask(),
                 };
                 if answer {
@@ -209,7 +209,12 @@ impl ObjectWork {
         if let Some(error) = unreadable.take() {
             return Err(BakeError::from(error));
         }
-        let goes_on = recall.is_some_and(|recall| !recall.has_gained.get()) || params.coarser;
+        // Which points a coarser bake adds hangs on more than its edges: as long as no patch has changed they are the same.
+        let is_as_before = |known: &KnownLight| (0..self.visibility.len()).all(|patch| !self.is_changed(known, patch));
+        let goes_on = match &recall {
+            Some(recall) => !recall.has_gained.get(),
+            None => params.coarser && self.known.as_deref().is_some_and(is_as_before),
+        };
         drop((patches, indirect));
         self.differing.extend(differing);
         if !goes_on {
@@ -227,8 +232,10 @@ impl ObjectWork {
 /// Answers of an earlier bake about edges.
 struct Recall<'a> {
     known: &'a KnownLight,
-    /// `[patches]` those that are not as they were.
+    /// `[points]` those of patches that are not as they were.
     changed: Vec<bool>,
+    /// `[points]` those that differed from some other.
+    differed: Vec<bool>,
     /// A pair differs that did not, or was not asked then.
     has_gained: Cell<bool>,
     /// A pair that differed does not. An edge with several such pairs is asked until one says yes, so what the earlier bake says of others may
@@ -238,13 +245,23 @@ struct Recall<'a> {
 
 impl<'a> Recall<'a> {
     fn new(object: &ObjectWork, known: &'a KnownLight) -> Self {
-        let changed = (0..object.visibility.len()).map(|patch| object.is_changed(known, patch)).collect();
-        Recall { known, changed, has_gained: Cell::new(false), has_lost: Cell::new(false) }
+        let (mut changed, mut differed) = (vec![false; object.plan.n_points()], vec![false; object.plan.n_points()]);
+        for (index, patch) in object.plan.patches.iter().enumerate().take(object.visibility.len()) {
+            changed[patch.range()].fill(object.is_changed(known, index));
+        }
+        // Points of later rounds are not there yet.
+        for point in known.light.differing.as_flattened() {
+            if let Some(differed) = differed.get_mut(*point as usize) {
+                *differed = true;
+            }
+        }
+        Recall { known, changed, differed, has_gained: Cell::new(false), has_lost: Cell::new(false) }
     }
 
-    fn answer(&self, pair: [u32; 2], patches: [usize; 2], ask: impl Fn() -> bool) -> bool {
-        let before = self.known.light.differing.binary_search(&pair).is_ok();
-        if patches.iter().all(|patch| !self.changed[*patch]) {
+    fn answer(&self, pair: [u32; 2], ask: impl Fn() -> bool) -> bool {
+        let [a, b] = pair.map(|point| point as usize);
+        let before = self.differed[a] && self.differed[b] && self.known.light.differing.binary_search(&pair).is_ok();
+        if !self.changed[a] && !self.changed[b] {
             return before;
         }
         let now = ask();

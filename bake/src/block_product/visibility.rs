@@ -58,6 +58,11 @@ pub fn encode_changed<'a>(before: &Visibility, changed: impl Fn(usize) -> Option
 ///
 /// Blocks without a transition, most of them, are filled row by row.
 pub fn open_bits(point: &PointVisibility, face_resolution: usize, faces: u8, open: &mut [u64]) {
+    open_bits_in(point, face_resolution, |face, _| faces >> face & 1 == 1, open);
+}
+
+/// The same for the rows of a face that are wanted: of `wanted(face, y)`, y the first of 16 rows. Others may be set or stay.
+pub fn open_bits_in(point: &PointVisibility, face_resolution: usize, wanted: impl Fn(usize, usize) -> bool, open: &mut [u64]) {
     let n = face_resolution;
     let (face_blocks, words) = (n * n / BLOCK_TEXELS, n / 64);
     let order = row_major_from_hilbert(n);
@@ -66,11 +71,11 @@ pub fn open_bits(point: &PointVisibility, face_resolution: usize, faces: u8, ope
     let (mut own, mut block, mut before) = (Vec::with_capacity(BLOCK_TEXELS), usize::MAX, false);
     let mut fill = |block: usize, positions: &[usize], before: bool| {
         let (face, first) = (block / face_blocks, block % face_blocks * BLOCK_TEXELS);
-        if faces >> face & 1 == 0 {
-            return;
-        }
         let texels = &order[first..first + BLOCK_TEXELS];
         let (x0, y0) = (texels[0] as usize % n / BLOCK_SIDE * BLOCK_SIDE, texels[0] as usize / n / BLOCK_SIDE * BLOCK_SIDE);
+        if !wanted(face, y0) {
+            return;
+        }
         let mut rows = [if before && positions.is_empty() { u16::MAX } else { 0 }; BLOCK_SIDE];
         if !positions.is_empty() {
             let (mut from, mut is_open) = (0, before);

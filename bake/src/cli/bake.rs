@@ -138,7 +138,7 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, star
         }
     };
     let on_preview: Option<&mut OnPreview> = if preview { Some(&mut show) } else { None };
-    let baked = bake_with_previews(scene, world, &settings.points, &settings.options, &store, context.progress(), on_preview);
+    let baked = bake_with_previews(scene, world, Some(&settings.points), &settings.options, &store, context.progress(), on_preview);
     if let Some(failure) = failure {
         return Err(failure);
     }

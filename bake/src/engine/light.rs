@@ -99,6 +99,22 @@ impl PatchReach {
         tiles_of_faces(&cells) & self.live()
     }
 
+    /// Of the tiles that pieces may have made another, those that they reach from one of the boxes around parts of the origins.
+    pub fn stale_from<'a>(&self, touches: &[Touch], origins: impl Iterator<Item = &'a [[f32; 3]]>, raster: Raster) -> TileSet {
+        let mut cells = [0; 6];
+        for part in origins {
+            let mut bounds = Bounds::EMPTY;
+            part.iter().for_each(|origin| bounds.add(*origin));
+            for touch in touches {
+                for face in (0..6).filter(|face| touch.faces >> face & 1 == 1) {
+                    let open = self.open.get(touch.layer).map_or(u64::MAX, |open| open[face]);
+                    cells[face] |= reached_cells(face, &touch.bounds, &bounds, raster) & open;
+                }
+            }
+        }
+        tiles_of_faces(&cells) & self.live()
+    }
+
     /// Tiles above the horizon of some point.
     pub fn live(&self) -> TileSet {
         self.open.first().map_or(0, tiles_of_faces)

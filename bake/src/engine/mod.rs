@@ -2,6 +2,7 @@
 
 pub mod bits;
 pub mod delta;
+pub mod edit;
 pub mod light;
 pub mod object;
 pub mod parts;

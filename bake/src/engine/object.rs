@@ -10,6 +10,7 @@
 //! of that light, it is taken over **whole**, without being planned. Otherwise its patches are taken over one by one, and the object's other
 //! chunks wherever no edge was split in another way. Records are a cache: without them the bits are the same.
 
+use super::edit::Edit;
 use super::light::{LightPatch, LightRecord};
 use crate::bake::BakeOptions;
 use crate::error::BakeError;
@@ -18,13 +19,13 @@ use crate::plan::key::Hasher;
 use crate::plan::patch::PATCH_ORDER;
 use crate::plan::pieces::{Pieces, side};
 use crate::plan::shaft::Raster;
-use crate::plan::snapshot::{Changes, Snapshot};
-use crate::scene::Scene;
+use crate::plan::snapshot::{Snapshot, Source};
 use crate::scene::world::World;
+use crate::scene::{Object, Primitive, Scene};
 use crate::seal::base_chunk;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
 use prelight_manifests::quality::Shades;
-use prelight_manifests::{ChunkKind, Descriptor, Digest};
+use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use prelight_store::{Chunk, ChunkSource, Record, Store, StoreError};
 use rayon::prelude::*;
 use std::collections::btree_map::Entry;
@@ -116,10 +117,12 @@ impl ObjectChunks {
 }
 
 /// Where records of an object are found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ObjectKey {
     /// Its light.
     pub light: Digest,
+    /// Its mesh as it was read, and where that stands.
+    pub source: Source,
     /// All that its other chunks come from, but for the light.
     whole: Digest,
 }
@@ -143,7 +146,7 @@ pub struct KnownLight {
     /// `[patches]` their visibility; filled by [`KnownLight::load`].
     pub visibility: Vec<Chunk>,
     /// What was done to the scene since.
-    pub changes: Arc<Changes>,
+    pub edit: Arc<Edit>,
     /// Its other chunks as they were, if the object is what it was.
     pub chunks: Option<ObjectChunks>,
 }
@@ -161,7 +164,7 @@ impl KnownLight {
     /// A patch, by its index.
     pub fn patch(&self, index: usize) -> Option<KnownPatch<'_>> {
         let (light, chunk) = (self.light.patches.get(index)?, self.visibility.get(index)?);
-        Some(KnownPatch { light, chunk, changes: self.touched[index].then_some(&self.changes) })
+        Some(KnownPatch { light, chunk, edit: self.touched[index].then_some(&self.edit) })
     }
 }
 
@@ -173,7 +176,7 @@ pub struct KnownPatch<'a> {
     /// The same, read.
     pub chunk: &'a Chunk,
     /// What was done to the scene since, if that may have touched it.
-    pub changes: Option<&'a Changes>,
+    pub edit: Option<&'a Edit>,
 }
 
 /// What an earlier bake knows of an object.
@@ -201,9 +204,14 @@ pub fn object_keys(
     let digest = |texture: u32| Some((texture, *blake3::hash(&scene.textures.get(texture as usize)?.to_chunk()).as_bytes()));
     let textures: BTreeMap<u32, [u8; 32]> = used.into_par_iter().filter_map(digest).collect();
     let key = |object: usize| {
-        let mesh = base_chunk(&scene.objects[object].mesh);
+        let Object { mesh, world_from_local, .. } = &scene.objects[object];
+        let bytes = base_chunk(mesh);
+        let digest = Digest(*blake3::hash(&bytes).as_bytes());
+        let shape = vec![mesh.primitives.len() as u64];
+        let base = Descriptor { kind: ChunkKind::Base, digest, bytes: bytes.len() as u64, dtype: Dtype::U8, shape };
         let light = light_key(scene, world, pieces, options, object);
-        ObjectKey { light, whole: whole_key(scene, object, &light, &mesh, &textures) }
+        let whole = whole_key(scene, object, &light, &digest, &textures);
+        ObjectKey { light, source: Source { base, world_from_local: *world_from_local }, whole }
     };
     (0..scene.objects.len()).into_par_iter().map(|object| wanted(object).then(|| key(object))).collect()
 }
@@ -220,31 +228,42 @@ fn light_key(scene: &Scene, world: &World, pieces: &Pieces, options: &BakeOption
     source.world_from_local.iter().for_each(|value| hasher.bytes(&value.to_le_bytes()));
     // Materials by the order in which they come: which primitives share one, not which one it is.
     let mut ranks: Vec<u32> = Vec::new();
-    let mut mesh = (*source.mesh).clone();
-    for primitive in &mut mesh.primitives {
+    for primitive in &source.mesh.primitives {
         let material = scene.materials.get(primitive.material as usize);
         let (sides, set) = material.map_or((0, None), |material| (1 + u32::from(material.double_sided), material.tangent_uv_set()));
         let rank = ranks.iter().position(|known| *known == primitive.material).unwrap_or(ranks.len());
         if rank == ranks.len() {
             ranks.push(primitive.material);
         }
-        primitive.material = rank as u32;
-        hasher.words(&[sides, set.map_or(0, |set| 1 + set)]);
+        hasher.words(&[rank as u32, sides, set.map_or(0, |set| 1 + set)]);
+        // Vertices by their bits; what is left out is told from what is empty.
+        let Primitive { positions, triangles, material: _, normals, tangents, uvs, colors } = primitive;
+        let optional: [Option<&[u8]>; 5] = [
+            normals.as_deref().map(bytemuck::cast_slice),
+            tangents.as_deref().map(bytemuck::cast_slice),
+            uvs[0].as_deref().map(bytemuck::cast_slice),
+            uvs[1].as_deref().map(bytemuck::cast_slice),
+            colors.as_deref().map(bytemuck::cast_slice),
+        ];
+        for array in [Some(bytemuck::cast_slice(positions)), Some(bytemuck::cast_slice(triangles))].into_iter().chain(optional) {
+            hasher.bytes(&array.map_or(u64::MAX, |array| array.len() as u64).to_le_bytes());
+            hasher.bytes(array.unwrap_or_default());
+        }
     }
-    let mesh = base_chunk(&mesh);
-    hasher.bytes(&(mesh.len() as u64).to_le_bytes());
-    hasher.bytes(&mesh);
-    for id in world.object_start[object]..world.object_start[object + 1] {
-        hasher.bytes(pieces.triangle(id));
-        hasher.bytes(&[side(scene, world, id)]);
+    let ids = world.object_start[object]..world.object_start[object + 1];
+    let mut own = Vec::with_capacity(17 * ids.len());
+    for id in ids {
+        own.extend_from_slice(pieces.triangle(id));
+        own.push(side(scene, world, id));
     }
+    hasher.bytes(&own);
     hasher.finish()
 }
 
-fn whole_key(scene: &Scene, object: usize, light: &Digest, mesh: &[u8], textures: &BTreeMap<u32, [u8; 32]>) -> Digest {
+fn whole_key(scene: &Scene, object: usize, light: &Digest, mesh: &Digest, textures: &BTreeMap<u32, [u8; 32]>) -> Digest {
     let mut hasher = Hasher::new("prelight object");
     hasher.bytes(&light.0);
-    hasher.bytes(mesh);
+    hasher.bytes(&mesh.0);
     for primitive in &scene.objects[object].mesh.primitives {
         let material = scene.materials.get(primitive.material as usize);
         let json = serde_json::to_vec(&material).expect("materials have string keys and finite numbers");
@@ -255,6 +274,11 @@ fn whole_key(scene: &Scene, object: usize, light: &Digest, mesh: &[u8], textures
         }
     }
     hasher.finish()
+}
+
+/// Of what blocks light now.
+pub fn snapshot(pieces: &Pieces, keys: &[Option<ObjectKey>]) -> Snapshot {
+    Snapshot::new(pieces, keys.iter().map(|key| Some(key.as_ref()?.source.clone())).collect())
 }
 
 /// What shafts need to know of a bake.
@@ -274,25 +298,26 @@ pub fn known_objects(
     store: &Store,
     wanted: &dyn Fn(usize) -> bool,
 ) -> Result<Vec<Known>, BakeError> {
-    let mut snapshots: BTreeMap<Digest, Option<Arc<Changes>>> = BTreeMap::new();
+    let mut snapshots: BTreeMap<Digest, Option<Arc<Edit>>> = BTreeMap::new();
     let raster = raster(options);
     let mut find = |object: usize, key: &ObjectKey| -> Result<Known, BakeError> {
         let mut best: Option<KnownLight> = None;
         for record in store.lookup_all(&key.light)? {
             let Some((snapshot, light)) = LightRecord::decode(record) else { continue };
-            let changes = match snapshots.entry(snapshot) {
-                Entry::Occupied(changes) => changes.into_mut(),
+            let edit = match snapshots.entry(snapshot) {
+                Entry::Occupied(edit) => edit.into_mut(),
                 Entry::Vacant(missing) => {
                     let records = store.lookup_all(&snapshot)?;
-                    let then = records.iter().find_map(|record| Snapshot::decode(&record.data).filter(|then| then.key() == snapshot));
-                    missing.insert(then.map(|then| Arc::new(then.changes(now))))
+                    let mut whole = records.iter().filter(|record| Snapshot::key_of(&record.data) == snapshot);
+                    let then = whole.find_map(|record| Snapshot::decode(&record.data));
+                    missing.insert(then.map(|then| Arc::new(Edit::new(&then, now))))
                 }
             };
-            let Some(changes) = changes.clone() else { continue };
-            let touched: Vec<bool> = light.patches.par_iter().map(|patch| patch.reach.is_touched(&changes, raster)).collect();
+            let Some(edit) = edit.clone() else { continue };
+            let touched: Vec<bool> = light.patches.par_iter().map(|patch| patch.reach.is_touched(&edit.changes, raster)).collect();
             let count = |touched: &[bool]| touched.iter().filter(|touched| **touched).count();
             if best.as_ref().is_none_or(|best| count(&touched) < count(&best.touched)) {
-                best = Some(KnownLight { light, touched, visibility: Vec::new(), changes, chunks: None });
+                best = Some(KnownLight { light, touched, visibility: Vec::new(), edit, chunks: None });
             }
         }
         let Some(mut best) = best else { return Ok(Known::Nothing) };
@@ -300,10 +325,6 @@ pub fn known_objects(
         let records = store.lookup_all(&key.chunks(&best.light.state()))?;
         best.chunks = records.into_iter().find_map(|record| ObjectChunks::decode(record, n_patches));
         let is_touched = best.touched.contains(&true);
-        if is_touched && options.points[object].coarser {
-            // Which points a coarser bake has hangs on more than its edges.
-            return Ok(Known::Nothing);
-        }
         Ok(match &best.chunks {
             Some(chunks) if !is_touched => Known::Whole(Box::new(chunks.object(scene, options, object, &best.light)), chunks.counts),
             _ => Known::Light(Box::new(best)),

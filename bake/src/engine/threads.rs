@@ -6,14 +6,15 @@
 
 use super::bits::PatchBits;
 use super::delta::{Before, Delta};
+use super::edit::EditOccluders;
 use super::light::{LightPatch, PatchReach};
 use super::object::KnownPatch;
 use super::patch::{Candidate, PatchInputs, Resolution, Resolved, Shadowing, false_hit, resolve};
 use crate::bake::commit;
 use crate::error::BakeError;
-use crate::plan::buried::{BuriedProbe, Verdict, local_edge};
+use crate::plan::buried::{Boxes, BuriedProbe, Meets, Verdict, local_edge};
 use crate::plan::key::{BlindPoint, buried_key, buried_question};
-use crate::plan::shaft::Bounds;
+use crate::plan::shaft::{BOX_POINTS, Bounds};
 use crate::plan::tile::{TileSet, TileTable, tiles};
 use crate::plan::{ObjectPlan, Patch};
 use crate::progress::{Progress, check};
@@ -23,7 +24,8 @@ use prelight_store::{Chunk, ChunkSource, Record, ShardWriter, Store};
 use rayon::prelude::*;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Pieces that an edit may have touched a patch with, up to which its points are asked one by one where.
+/// Pieces that an edit may have touched a patch with, up to which its points are asked one by one where; only where the triangles of what is
+/// gone cannot be had.
 const MAX_TOUCHES: usize = 1024;
 
 /// Patches of a shard at most.
@@ -128,7 +130,8 @@ impl Tracer<'_> {
         let mut results = Vec::with_capacity(tasks.len());
         let (mut bits, mut delta) = (PatchBits::default(), Delta::default());
         for task in tasks {
-            let taken = task.known.as_ref().map(|known| self.take(task, known, &mut writer, &mut delta)).transpose()?.flatten();
+            let taken =
+                task.known.as_ref().map(|known| self.take(task, known, &mut writer, (&mut bits, &mut delta))).transpose()?.flatten();
             results.push(match taken {
                 Some(result) => result,
                 None => self.patch(task, &mut writer, &mut bits)?,
@@ -140,14 +143,14 @@ impl Tracer<'_> {
         Ok(results)
     }
 
-    /// Takes over a patch that an earlier bake found, and traces again what an edit may have changed of it. `None` where that cannot be told
-    /// from the record.
+    /// Takes over a patch that an earlier bake found, and traces again what an edit may have changed of it: texels, or in grayscale tiles. `None`
+    /// where that cannot be told from the record.
     fn take(
         &self,
         task: &PatchTask,
         known: &KnownPatch,
         writer: &mut ShardWriter,
-        delta: &mut Delta,
+        (bits, delta): (&mut PatchBits, &mut Delta),
     ) -> Result<Option<PatchResult>, BakeError> {
         let light = known.light;
         let taken = PatchResult {
@@ -160,21 +163,28 @@ impl Tracer<'_> {
             redone: 0,
             changed: 0,
         };
-        let Some(changes) = known.changes else { return Ok(Some(taken)) };
-        let raster = self.shadowing.raster();
+        let Some(edit) = known.edit else { return Ok(Some(taken)) };
+        let (changes, raster) = (&edit.changes, self.shadowing.raster());
+        let Some(occluders) = edit.occluders() else { return Ok(None) };
         let touches = light.reach.touches(changes, raster);
-        if raster.in_part || touches.len() > MAX_TOUCHES {
+        if occluders.gone.is_none() && touches.len() > MAX_TOUCHES {
             return Ok(None);
         }
         let (mut visibility, mut chunk) = (taken.visibility, taken.chunk);
         let (mut redone, mut changed) = (0, 0);
         if !touches.is_empty() {
             let before = Visibility::from_chunk(known.chunk)?;
-            let what = Before { visibility: &before, reach: &light.reach, touches: &touches };
-            let retraced = delta.retrace(self.shadowing.occluders, task.plan, task.patch, what);
-            (redone, changed) = (retraced.redone, retraced.changed);
+            let bytes = if raster.in_part {
+                redone = light.reach.stale_from(&touches, task.plan.origin[task.patch.range()].chunks(BOX_POINTS), raster);
+                changed = self.retrace_tiles(task, &before, taken.live, redone, bits);
+                if changed == 0 { Vec::new() } else { bits.encode() }
+            } else {
+                let what = Before { visibility: &before, reach: &light.reach, touches: &touches, edit: occluders };
+                let retraced = delta.retrace(self.shadowing.occluders, task.plan, task.patch, what);
+                (redone, changed) = (retraced.redone, retraced.changed);
+                if changed == 0 { Vec::new() } else { delta.encode(&before) }
+            };
             if changed != 0 {
-                let bytes = delta.encode(&before);
                 let shape = vec![u64::from(task.patch.n_points)];
                 visibility = writer.put(ChunkKind::Visibility, Dtype::U8, shape, &bytes)?;
                 chunk = Chunk::from_plain(&bytes);
@@ -184,26 +194,48 @@ impl Tracer<'_> {
         let asked: Vec<Bounds> = all.filter(|piece| light.reach.asks_about(piece)).map(|piece| piece.bounds).collect();
         let (mut buried, mut buried_reach) = (taken.buried, light.reach.buried);
         if changed != 0 || !asked.is_empty() {
-            (buried, buried_reach) = self.buried_again(task, light, [known.chunk, &chunk], &asked)?;
+            (buried, buried_reach) = self.buried_again(task, light, [known.chunk, &chunk], (&Boxes::new(&asked), occluders))?;
         }
         let reach = light.reach.after(changes, buried_reach, raster);
         Ok(Some(PatchResult { visibility, chunk, buried, reach, is_new: false, live: taken.live, redone, changed }))
     }
 
-    /// Points inside a solid, and the metres within which lies what told: of points that were blind already and whose rays come near none of
-    /// the boxes, what was found before.
+    /// Traces some of the live tiles from the horizon, by all layers, and copies the others; gives those that are not as they were. The patch
+    /// is then in `bits`.
+    fn retrace_tiles(&self, task: &PatchTask, before: &Visibility, live: TileSet, stale: TileSet, bits: &mut PatchBits) -> TileSet {
+        if stale == 0 {
+            return 0;
+        }
+        let Shadowing { pieces, occluders, face_resolution, shades } = self.shadowing;
+        bits.reset(face_resolution, shades.steps(), task.patch.n_points as usize);
+        bits.copy(before, live & !stale);
+        bits.set_horizon(task.plan, task.patch, stale);
+        for layer in 0..pieces.n_layers() {
+            bits.trace(occluders, layer, task.plan, task.patch, stale);
+        }
+        tiles(stale).filter(|tile| !bits.equals(before, *tile)).fold(0, |set, tile| set | 1 << tile)
+    }
+
+    /// Points inside a solid, and the metres within which lies what told: of points that were blind already and whose rays meet nothing of the
+    /// edit, what was found before.
     fn buried_again(
         &self,
         task: &PatchTask,
         light: &LightPatch,
         [before, now]: [&Chunk; 2],
-        boxes: &[Bounds],
+        (boxes, edit): (&Boxes, &EditOccluders),
     ) -> Result<(Vec<u8>, f64), BakeError> {
         let (before, now) = (Visibility::from_chunk(before)?, Visibility::from_chunk(now)?);
         let (mut buried, mut reach) = (Vec::new(), light.reach.buried);
         for local in (0..now.len()).filter(|local| now.point(*local).is_blind()) {
             let point = task.patch.first + local as u32;
-            let is_known = before.point(local).is_blind() && !self.probe.may_meet(task.plan, point, boxes);
+            let own = task.plan.base_triangles(point as usize);
+            let meets = |origin, direction, t_max| {
+                let gone = edit.gone.as_ref().is_none_or(|gone| gone.occluded(origin, direction, t_max, &[]));
+                gone || edit.new.occluded(origin, direction, t_max, own)
+            };
+            let meets: Option<&Meets> = if edit.gone.is_some() { Some(&meets) } else { None };
+            let is_known = before.point(local).is_blind() && !self.probe.may_meet(task.plan, point, boxes, light.reach.buried, meets);
             let is_buried = if is_known {
                 light.buried.contains(&(local as u8))
             } else {

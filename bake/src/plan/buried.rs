@@ -58,6 +58,27 @@ pub struct BuriedProbe<'a> {
     directions: [DVec3; N_DIRECTIONS],
 }
 
+/// Whether a ray from an origin along a direction meets something up to a distance.
+pub type Meets<'a> = dyn Fn([f32; 3], [f32; 3], f32) -> bool + 'a;
+
+/// Where something is that was not, or was and is not.
+pub struct Boxes<'a> {
+    each: &'a [Bounds],
+    /// Of all together; `None` where there is none.
+    all: Option<Bounds>,
+}
+
+impl<'a> Boxes<'a> {
+    /// Of these.
+    pub fn new(each: &'a [Bounds]) -> Boxes<'a> {
+        let joined = |mut all: Bounds, bounds: &Bounds| {
+            all.join(bounds);
+            all
+        };
+        Boxes { each, all: (!each.is_empty()).then(|| each.iter().fold(Bounds::EMPTY, joined)) }
+    }
+}
+
 impl<'a> BuriedProbe<'a> {
     /// For points of this scene.
     pub fn new(scene: &'a Scene, world: &'a World) -> Self {
@@ -98,34 +119,49 @@ impl<'a> BuriedProbe<'a> {
         Verdict { is_buried: 2 * behind >= N_DIRECTIONS || 2 * near >= N_DIRECTIONS, reach: reach * (1.0 + 1.0 / 256.0) }
     }
 
-    /// Whether a ray that point `i` may ask comes near one of the boxes: where none does, what lies in them is not part of the answer.
+    /// Whether a ray that point `i` may ask comes near one of the boxes within `reach` metres: where none does, what lies in them is not part
+    /// of the answer.
     ///
-    /// Near is within 2⁻⁸ of the distance, far more than rounding puts a hit beside its triangle.
-    pub fn may_meet(&self, plan: &ObjectPlan, i: u32, boxes: &[Bounds]) -> bool {
+    /// Near is within 2⁻⁸ of the distance, far more than rounding puts a hit beside its triangle. `meets`: whether a ray meets something in the
+    /// boxes up to a distance, where that can be asked; without it a ray that comes near a box does.
+    pub fn may_meet(&self, plan: &ObjectPlan, i: u32, boxes: &Boxes, reach: f64, meets: Option<&Meets>) -> bool {
+        let Some(all) = &boxes.all else { return false };
         let normal = plan.geometric_normal[i as usize];
         let origin = wide(plan.origin[i as usize]);
-        let (t, b) = tangents(normal);
-        let (t, b, n) = (wide(t), wide(b), wide(normal));
-        boxes.iter().any(|bounds| {
+        let around = |bounds: &Bounds| {
             let (lower, upper) = (wide(bounds.lower) - origin, wide(bounds.upper) - origin);
             let slack = DVec3::splat(lower.abs().max(upper.abs()).max_element() / 256.0);
-            let (lower, upper) = (lower - slack, upper + slack);
-            self.directions.iter().any(|d| {
-                let direction = t * d.x + b * d.y + n * d.z;
-                let (mut from, mut to) = (0.0f64, f64::INFINITY);
-                for axis in 0..3 {
-                    if direction[axis] == 0.0 {
-                        if lower[axis] > 0.0 || upper[axis] < 0.0 {
-                            return false;
-                        }
-                        continue;
+            (lower - slack, upper + slack)
+        };
+        let all = around(all);
+        // Behind the surface: no ray goes there.
+        let n = wide(normal);
+        let highest = (all.0 * n).max(all.1 * n);
+        if highest.x + highest.y + highest.z <= 0.0 {
+            return false;
+        }
+        let (t, b) = tangents(normal);
+        let (t, b) = (wide(t), wide(b));
+        let reach = reach * (1.0 + 1.0 / 128.0);
+        let comes_near = |direction: DVec3, (lower, upper): (DVec3, DVec3)| {
+            let (mut from, mut to) = (0.0f64, reach);
+            for axis in 0..3 {
+                if direction[axis] == 0.0 {
+                    if lower[axis] > 0.0 || upper[axis] < 0.0 {
+                        return false;
                     }
-                    let (near, far) = (lower[axis] / direction[axis], upper[axis] / direction[axis]);
-                    from = from.max(near.min(far));
-                    to = to.min(near.max(far));
+                    continue;
                 }
-                from <= to
-            })
+                let (near, far) = (lower[axis] / direction[axis], upper[axis] / direction[axis]);
+                from = from.max(near.min(far));
+                to = to.min(near.max(far));
+            }
+            from <= to
+        };
+        let directions = self.directions.iter().map(|d| t * d.x + b * d.y + n * d.z);
+        directions.filter(|direction| comes_near(*direction, all)).any(|direction| match meets {
+            Some(meets) => meets(plan.origin[i as usize], narrow(direction), reach as f32),
+            None => boxes.each.iter().any(|bounds| comes_near(direction, around(bounds))),
         })
     }
 
@@ -181,8 +217,10 @@ mod tests {
         let at = |y: f32, size: f32| Bounds { lower: [-size, y, -size], upper: [size, y + 0.1, size] };
         let (mut met, mut asked) = (0, 0);
         for i in 0..plans[0].n_points() as u32 {
-            assert!(!probe.may_meet(&plans[0], i, &[at(-1.0, 5.0)]), "behind the surface");
-            assert!(probe.may_meet(&plans[0], i, &[at(-1.0, 5.0), at(1.0, 30.0)]), "a ceiling");
+            let may_meet = |boxes: &[Bounds], reach| probe.may_meet(&plans[0], i, &Boxes::new(boxes), reach, None);
+            assert!(!may_meet(&[], 9.0) && !may_meet(&[at(-1.0, 5.0)], f64::INFINITY), "behind the surface");
+            assert!(may_meet(&[at(-1.0, 5.0), at(1.0, 30.0)], f64::INFINITY), "a ceiling");
+            assert!(!may_meet(&[at(-1.0, 5.0), at(1.0, 30.0)], 0.8), "a ceiling that is out of reach");
             // A thing that some of the rays hit: never one that is hit by none.
             let thing = at(2.0, 0.3);
             let corners = [thing.lower, thing.upper];
@@ -192,7 +230,7 @@ mod tests {
                 let direction = wide(t) * d.x + wide(b) * d.y + wide(plans[0].geometric_normal[i as usize]) * d.z;
                 (0..4000).any(|step| inside(wide(plans[0].origin[i as usize]) + direction * (f64::from(step) / 1000.0)))
             });
-            let may = probe.may_meet(&plans[0], i, &[thing]);
+            let may = may_meet(&[at(-1.0, 5.0), thing], 10.0);
             assert!(may || !hits, "point {i}");
             met += u32::from(may);
             asked += 1;

@@ -121,19 +121,25 @@ pub fn count_points(
     known: Option<(PointParams, &[u64])>,
 ) -> Result<Vec<u64>, PlanError> {
     let count = |object: usize| {
-        let params = &params[object];
-        params.check()?;
-        if let Some((_, counts)) = known.filter(|(same, _)| same == params) {
-            return Ok(counts[object]);
+        params[object].check()?;
+        match known.filter(|(same, _)| *same == params[object]) {
+            Some((_, counts)) => Ok(counts[object]),
+            None => count_object_points(scene, world, params, object),
         }
-        let count = count_object(&BaseMesh::build(scene, world, object), params, u64::from(params.max_triangles));
-        if count.triangles > u64::from(params.max_triangles) {
-            let object = scene.objects[object].name.clone();
-            return Err(PlanError::TooManyTriangles { object, limit: params.max_triangles, edge_length: params.edge_length });
-        }
-        Ok(count.points)
     };
     (0..scene.objects.len()).into_par_iter().map(count).collect()
+}
+
+/// Points of one object before leaks are split.
+pub fn count_object_points(scene: &Scene, world: &World, params: &[PointParams], object: usize) -> Result<u64, PlanError> {
+    let params = &params[object];
+    params.check()?;
+    let count = count_object(&BaseMesh::build(scene, world, object), params, u64::from(params.max_triangles));
+    if count.triangles > u64::from(params.max_triangles) {
+        let object = scene.objects[object].name.clone();
+        return Err(PlanError::TooManyTriangles { object, limit: params.max_triangles, edge_length: params.edge_length });
+    }
+    Ok(count.points)
 }
 
 /// Bytes that stay for the whole bake.

@@ -60,7 +60,8 @@ impl Hasher {
 
     /// The first half of the digest.
     pub fn finish_short(self) -> [u8; 16] {
-        std::array::from_fn(|i| self.0.finalize().as_bytes()[i])
+        let digest = self.0.finalize();
+        std::array::from_fn(|i| digest.as_bytes()[i])
     }
 }
 

@@ -85,29 +85,20 @@ pub struct OriginBoxes {
     pub boxes: Vec<Bounds>,
     /// All of them.
     pub patch: Bounds,
-    /// The origins themselves, box by box: `[boxes][axes][BOX_POINTS]`; the last one is repeated where a box has fewer.
-    pub points: Vec<BoxPoints>,
 }
-
-/// Coordinates of the origins of one box, axis by axis.
-pub type BoxPoints = [[f32; BOX_POINTS]; 3];
 
 impl OriginBoxes {
     /// Of the ray origins of a patch, in order, as traced.
     pub fn new(origins: impl Iterator<Item = [f32; 3]>) -> OriginBoxes {
         let (mut boxes, mut patch) = (Vec::with_capacity(MAX_BOXES), Bounds::EMPTY);
-        let mut points: Vec<BoxPoints> = Vec::with_capacity(MAX_BOXES);
         for (i, origin) in origins.enumerate() {
             if i % BOX_POINTS == 0 {
                 boxes.push(Bounds::EMPTY);
-                points.push(origin.map(|coordinate| [coordinate; BOX_POINTS]));
             }
             boxes.last_mut().expect("one was pushed").add(origin);
-            let lanes = points.last_mut().expect("one was pushed");
-            (0..3).for_each(|axis| lanes[axis][i % BOX_POINTS..].fill(origin[axis]));
             patch.add(origin);
         }
-        OriginBoxes { boxes, patch, points }
+        OriginBoxes { boxes, patch }
     }
 }
 
@@ -167,69 +158,6 @@ pub fn reached_texels(face: usize, occluders: &Bounds, origins: &Bounds, raster:
     };
     let (x0, x1, y0, y1) = (up(x0), x1 as u32, up(y0), y1 as u32);
     (x0 <= x1 && y0 <= y1).then_some([[x0, x1], [y0, y1]])
-}
-
-/// [`reached_cells`] of every origin of a box by itself, together: the same operations, lane by lane.
-pub fn reached_cells_of_points(face: usize, occluders: &Bounds, points: &BoxPoints, raster: Raster) -> u64 {
-    let face_resolution = raster.face_resolution;
-    let (main, u, v, sign) = face_axes(face);
-    let half = (face_resolution / 2) as f32;
-    let last = (face_resolution - 1) as f32;
-    let along = |axis: usize| (occluders.lower[axis], occluders.upper[axis], &points[axis]);
-    let (near, far) = distances(along(main), sign);
-    let near = near.map(|near| half / near.max(NEAR));
-    // What is not ahead gets an empty rectangle.
-    let ahead = far.map(|far| far > NEAR);
-    let far = far.map(|far| half / far);
-    let x = texels(along(u), &near, &far, raster, last);
-    let y = texels(along(v), &near, &far, raster, last);
-
-    let up = |x: f32| {
-        let whole = x as u32;
-        whole + u32::from((whole as f32) < x)
-    };
-    let cell = (face_resolution / CELLS).trailing_zeros();
-    let mut cells = 0;
-    for i in 0..BOX_POINTS {
-        let [from, to] = [[x[0][i], y[0][i]], [x[1][i], y[1][i]]];
-        if !(ahead[i] && from[0] <= last && from[1] <= last && to[0] >= 0.0 && to[1] >= 0.0) {
-            continue;
-        }
-        let ([x0, y0], [x1, y1]) = (from.map(up), to.map(|end| end as u32));
-        if x0 <= x1 && y0 <= y1 {
-            cells |= cell_rectangle([x0 >> cell, x1 >> cell], [y0 >> cell, y1 >> cell]);
-        }
-    }
-    cells
-}
-
-/// A coordinate of the occluders' box, both ends, and of the points.
-type Along<'a> = (f32, f32, &'a [f32; BOX_POINTS]);
-
-/// Nearest and farthest distance along a face's main axis, point by point.
-#[inline]
-fn distances((lower, upper, points): Along, sign: f32) -> ([f32; BOX_POINTS], [f32; BOX_POINTS]) {
-    let (low, high) = (points.map(|point| lower - point), points.map(|point| upper - point));
-    if sign > 0.0 { (low, high) } else { (high.map(|high| -high), low.map(|low| -low)) }
-}
-
-/// First and last texel of a rectangle along one axis, point by point.
-#[inline]
-fn texels(
-    (lower, upper, points): Along,
-    near: &[f32; BOX_POINTS],
-    far: &[f32; BOX_POINTS],
-    raster: Raster,
-    last: f32,
-) -> [[f32; BOX_POINTS]; 2] {
-    let (half, pad) = ((raster.face_resolution / 2) as f32, raster.pad());
-    let mut ends = [[0.0; BOX_POINTS]; 2];
-    for i in 0..BOX_POINTS {
-        let (low, high) = (lower - points[i], upper - points[i]);
-        ends[0][i] = ((low * near[i]).min(low * far[i]) + (half - 0.5 - pad)).max(0.0);
-        ends[1][i] = ((high * near[i]).max(high * far[i]) + (half - 0.5 + pad)).min(last);
-    }
-    ends
 }
 
 /// Bits of the cells in columns x and rows y, ends included.
@@ -339,27 +267,6 @@ mod tests {
             all += 384;
         }
         assert!(reached > 0 && reached < all / 2, "shafts must leave something out: {reached} of {all}");
-    }
-
-    #[test]
-    fn points_together_reach_what_they_reach_one_by_one() {
-        let mut random = Random(8);
-        let mut reached = 0;
-        for case in 0..4000 {
-            let n_points = 1 + case % BOX_POINTS;
-            let spread = [1e-3, 0.3, 5.0][case % 3];
-            let points: Vec<[f32; 3]> = (0..n_points).map(|_| random.cube().map(|c| spread * c)).collect();
-            let centre = random.cube().map(|c| c * [0.2, 3.0, 40.0][case / 3 % 3]);
-            let occluders = box_at(centre, [1e-3, 0.5, 4.0][case / 9 % 3], &mut random);
-            let origins = OriginBoxes::new(points.iter().copied());
-            for (face, face_resolution) in (0..6).flat_map(|face| [(face, 64), (face, 128)]) {
-                let raster = Raster { face_resolution, in_part: case % 2 == 0 };
-                let expected = points.iter().fold(0, |cells, point| cells | reached_cells(face, &occluders, &Bounds::at(*point), raster));
-                assert_eq!(reached_cells_of_points(face, &occluders, &origins.points[0], raster), expected, "case {case}, face {face}");
-                reached += expected.count_ones();
-            }
-        }
-        assert!(reached > 10_000);
     }
 
     #[test]

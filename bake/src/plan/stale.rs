@@ -10,10 +10,9 @@ use super::layer::{MAX_LAYERS, layers};
 use super::pieces::Pieces;
 use super::plan_object;
 use super::shaft::Bounds;
-use super::snapshot::Snapshot;
 use super::tile::{N_TILES, TileSet, TileTable};
 use crate::bake::BakeOptions;
-use crate::engine::object::{Known, known_objects, object_keys, raster};
+use crate::engine::object::{Known, known_objects, object_keys, raster, snapshot};
 use crate::engine::patch::{PatchInputs, Shadowing, stale_tiles};
 use crate::engine::threads::candidates;
 use crate::error::BakeError;
@@ -60,7 +59,7 @@ pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &S
     let wanted = |object: usize| options.rebake.wants(object);
     let keys = object_keys(scene, world, &pieces, options, &wanted);
     let is_direct = |object: usize| options.transfer_of(object as u32).is_none();
-    let known = known_objects(scene, options, &keys, &Snapshot::new(&pieces), store, &is_direct)?;
+    let known = known_objects(scene, options, &keys, &snapshot(&pieces, &keys), store, &is_direct)?;
     let raster = raster(options);
     let of_object = |object: usize| -> Result<Stale, BakeError> {
         check(progress)?;
@@ -72,7 +71,7 @@ pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &S
             Known::Light(known) => {
                 let mut found = Stale::default();
                 for (patch, touched) in known.light.patches.iter().zip(&known.touched) {
-                    let tiles = if *touched { patch.reach.stale(&known.changes, raster) } else { 0 };
+                    let tiles = if *touched { patch.reach.stale(&known.edit.changes, raster) } else { 0 };
                     found.add(object, (patch.reach.origins, patch.n_points), patch.reach.live(), tiles, false);
                 }
                 return Ok(found);

@@ -1,8 +1,8 @@
 //! Tiles of a patch: which are open, what reaches them, and the table of their keys that a ledger record carries.
 //!
 //! A tile is a 4×4th part of a cubemap face: 16×16 texels at 64², 32×32 at 128²; number face·16 + 4·y + x, 96 a patch. It has 2×2 cells
-//! ([`super::shaft`]). Open cells are kept per box of 16 points: a piece enters a tile's key only if it reaches, from some point, a cell in
-//! which one of the points of its box is open.
+//! ([`super::shaft`]). Open cells are kept per box of 16 points: a piece enters a tile's key only if it reaches, from one of the boxes, a cell
+//! in which one of the points of that box is open.
 //!
 //! ```text
 //! record data   version u8, boxes u8, rows u16, then rows, by tile, then by layer:
@@ -14,7 +14,7 @@
 //! tile without rows has the bits of the horizon.
 
 use super::pieces::{DigestSum, NO_PIECE, Pieces};
-use super::shaft::{BOX_POINTS, MAX_BOXES, OriginBoxes, Raster, horizon_cells, reached_cells, reached_cells_of_points};
+use super::shaft::{BOX_POINTS, MAX_BOXES, OriginBoxes, Raster, horizon_cells, reached_cells};
 
 /// Tiles of a patch.
 pub const N_TILES: usize = 96;
@@ -155,15 +155,11 @@ impl Reach {
                 }
                 let possible = tiles_of_cells(wide);
                 let mut found = 0;
-                for ((bounds, open), points) in origins.boxes.iter().zip(&open.boxes).zip(&origins.points) {
+                for (bounds, open) in origins.boxes.iter().zip(&open.boxes) {
                     if open[face] & wide == 0 {
                         continue;
                     }
-                    // The box first, because it is one test instead of sixteen; its points, because they are what is traced from.
-                    let near = tiles_of_cells(reached_cells(face, &node.bounds, bounds, raster) & open[face]) & !found;
-                    if near != 0 {
-                        found |= near & tiles_of_cells(reached_cells_of_points(face, &node.bounds, points, raster) & open[face]);
-                    }
+                    found |= tiles_of_cells(reached_cells(face, &node.bounds, bounds, raster) & open[face]);
                     if found == possible {
                         break;
                     }

@@ -1,7 +1,6 @@
 //! Refinement where light leaks: edges whose ends see different things are split on, down to the area floor.
 
 use super::edge::EdgeRule;
-use super::refined::Refined;
 use super::round::Round;
 use crate::plan::params::{PlanError, PointParams};
 use crate::plan::patch::FIRST_LEAK_LEVEL;
@@ -29,17 +28,15 @@ pub fn split_differing(
         let (i, j) = (side[a as usize], side[b as usize]);
         i != NO_POINT && j != NO_POINT && differs(i.min(j), i.max(j))
     };
-    let wants = |refined: &Refined, a: u32, b: u32| {
-        rule.above_floor(refined.points.position[a as usize], refined.points.position[b as usize])
-            && (differ(&plan.front, a, b) || differ(&plan.back, a, b))
+    let position = &plan.refined.points.position;
+    let wants = |a: u32, b: u32| {
+        rule.above_floor(position[a as usize], position[b as usize]) && (differ(&plan.front, a, b) || differ(&plan.back, a, b))
     };
+    let round = Round { base: &plan.base, params, level };
+    // Asked before anything is copied: most objects have nothing to split.
+    let Some(halved) = round.ask(&plan.refined, &wants) else { return Ok(None) };
     let mut next = plan.clone();
-    let active = std::mem::take(&mut next.refined.triangles);
-    let mut children = Round { base: &plan.base, params, level }.split(&mut next.refined, active, &wants)?;
-    if children.is_empty() {
-        return Ok(None);
-    }
-    next.refined.triangles.append(&mut children);
+    round.split(&mut next.refined, halved)?;
     next.refined.triangles.sort_by_key(|t| t.base);
     next.leak_rounds += 1;
     let new: Vec<u32> = (plan.refined.level.len() as u32..next.refined.level.len() as u32).collect();

@@ -21,35 +21,42 @@ pub(super) struct Round<'a> {
     pub level: u8,
 }
 
+/// Sites of the edges that a round halves.
+pub(super) struct Halved {
+    sites: EdgeTable,
+    n_sites: u32,
+}
+
 impl Round<'_> {
-    /// Splits the active triangles along the edges that `wants` (a symmetric function of two points) names. Those without a split edge
-    /// go to `refined.triangles`, the new ones are returned.
-    pub fn split(
-        &self,
-        refined: &mut Refined,
-        active: Vec<RefinedTriangle>,
-        wants: &dyn Fn(&Refined, u32, u32) -> bool,
-    ) -> Result<Vec<RefinedTriangle>, PlanError> {
-        let mut sites = EdgeTable::default();
-        for triangle in &active {
+    /// Asks all edges: those that `wants` (a symmetric function of two points) names. `None` where it names none.
+    pub fn ask(&self, refined: &Refined, wants: &dyn Fn(u32, u32) -> bool) -> Option<Halved> {
+        let mut halved = Halved { sites: EdgeTable::default(), n_sites: refined.n_sites };
+        for triangle in &refined.triangles {
             let points = triangle.vertices.map(|v| refined.point(v));
             for (i, j) in [(0, 1), (1, 2), (2, 0)] {
                 let [a, b] = [points[i], points[j]].map(|p| refined.points.site[p as usize]);
                 if halves(triangle.corners[i], triangle.corners[j]).is_some()
-                    && sites.get(a, b).is_none()
-                    && wants(refined, points[i], points[j])
+                    && halved.sites.get(a, b).is_none()
+                    && wants(points[i], points[j])
                 {
-                    refined.n_sites += u32::from(sites.get_or_insert(a, b, refined.n_sites).1);
+                    halved.n_sites += u32::from(halved.sites.get_or_insert(a, b, halved.n_sites).1);
                 }
             }
         }
+        (halved.n_sites > refined.n_sites).then_some(halved)
+    }
+
+    /// Splits the triangles along the edges that were named; those without one stay before the new ones.
+    pub fn split(&self, refined: &mut Refined, halved: Halved) -> Result<(), PlanError> {
+        let active = std::mem::take(&mut refined.triangles);
+        refined.n_sites = halved.n_sites;
         let mut midpoints = Midpoints::default();
         let mut children = Vec::new();
         for triangle in active {
             let made: [Option<Corner>; 3] = std::array::from_fn(|i| {
                 let [a, b] = [triangle.corner(i), triangle.corner((i + 1) % 3)];
                 let [p, q] = [a, b].map(|c| refined.points.site[refined.point(c.vertex) as usize]);
-                let site = sites.get(p, q)?;
+                let site = halved.sites.get(p, q)?;
                 Some(midpoints.vertex(refined, triangle.base, a, b, site, self.level))
             });
             if made.iter().all(Option::is_none) {
@@ -62,7 +69,8 @@ impl Round<'_> {
                 return Err(PlanError::TooManyTriangles { object, limit, edge_length: self.params.edge_length });
             }
         }
-        Ok(children)
+        refined.triangles.append(&mut children);
+        Ok(())
     }
 }
 

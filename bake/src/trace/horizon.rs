@@ -4,6 +4,7 @@
 //! f32 as well (rounding is monotone), so a row's open texels are a prefix or a suffix.
 
 use prelight_runtime::sphere::cubemap::{face_axes, texel_centre};
+use std::ops::Range;
 
 /// Whether texel (x, y) of a face is above the horizon of `normal`: the definition.
 pub fn is_above_horizon(normal: [f32; 3], face_resolution: usize, face: usize, x: usize, y: usize) -> bool {
@@ -24,10 +25,15 @@ pub fn above_horizon(normal: [f32; 3], face_resolution: usize, open: &mut [u64])
 
 /// The same for one face: `[n, n / 64]` words.
 pub fn above_horizon_of_face(normal: [f32; 3], face_resolution: usize, face: usize, open: &mut [u64]) {
+    above_horizon_of_rows(normal, face_resolution, face, 0..face_resolution, open);
+}
+
+/// The same for some rows of a face; the words of others stay.
+pub fn above_horizon_of_rows(normal: [f32; 3], face_resolution: usize, face: usize, rows: Range<usize>, open: &mut [u64]) {
     let (n, words) = (face_resolution, face_resolution / 64);
     let (main, u, v, sign) = face_axes(face);
     let slope = normal[u];
-    for y in 0..n {
+    for y in rows {
         let base = sign * normal[main] + normal[v] * texel_centre(n, y);
         let above = |x: usize| base + slope * texel_centre(n, x) > 0.0;
         let row = &mut open[y * words..][..words];

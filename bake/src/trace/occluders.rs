@@ -108,6 +108,17 @@ impl Occluders {
         Self::of_trees(world, textures, options, vec![tree])
     }
 
+    /// Builds from a few triangles, by id: those of them that block. Only what they need of the world is looked at.
+    ///
+    /// # Panics
+    /// If an id is out of range.
+    pub fn build_of(world: &World, textures: &[Texture<'static>], options: OccluderOptions, mut ids: Vec<u32>) -> Self {
+        ids.sort_unstable();
+        ids.dedup();
+        let tree = Tree::build_of(world, options.quality.params(), options.leaf_size, ids);
+        Self::of_trees(world, textures, options, vec![tree])
+    }
+
     /// Builds one tree a layer: `layer_of[id]` is that of a triangle, 0 is asked first. Big things first, so that most of what is small is
     /// never looked at; the answers are those of one tree.
     ///
@@ -134,6 +145,11 @@ impl Occluders {
             simd: options.simd.available(),
             n_untraceable: world.positions.iter().zip(&world.occlusion).filter(|&pair| untraceable(pair)).count(),
         }
+    }
+
+    /// Trees that coverage asks one after the other.
+    pub fn n_layers(&self) -> usize {
+        self.trees.len()
     }
 
     /// Blocking triangles that are left out because a coordinate exceeds [`super::predicate::LARGEST_COORDINATE`].

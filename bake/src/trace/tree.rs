@@ -86,12 +86,17 @@ pub(super) struct Tree {
 
 impl Tree {
     /// Builds from the occluding triangles whose id `keep` accepts.
-    pub fn build(world: &World, mut params: BvhBuildParams, leaf_size: usize, keep: impl Fn(u32) -> bool) -> Self {
+    pub fn build(world: &World, params: BvhBuildParams, leaf_size: usize, keep: impl Fn(u32) -> bool) -> Self {
+        Self::build_of(world, params, leaf_size, (0..world.positions.len() as u32).filter(|id| keep(*id)).collect())
+    }
+
+    /// Builds from those triangles of a list, ascending, that occlude.
+    pub fn build_of(world: &World, mut params: BvhBuildParams, leaf_size: usize, mut ids: Vec<u32>) -> Self {
         let traced = |id: &u32| {
             let corners = &world.positions[*id as usize];
-            world.occlusion[*id as usize] != Occlusion::None && is_traceable(corners) && keep(*id)
+            world.occlusion[*id as usize] != Occlusion::None && is_traceable(corners)
         };
-        let ids: Vec<u32> = (0..world.positions.len() as u32).filter(traced).collect();
+        ids.retain(traced);
         let corners: Vec<[[f32; 3]; 3]> = ids.iter().map(|&id| canonical(&world.positions[id as usize])).collect();
         let mut tree =
             Tree { nodes: Vec::new(), blocks: Vec::new(), root: EMPTY, slots: vec![NO_TRIANGLE; world.positions.len()], stack_size: 1 };
