@@ -3,9 +3,12 @@
 use prelight_bake::bake::{Baked, bake_counted, bake_with_previews};
 use prelight_bake::plan::estimate::count_points;
 use prelight_bake::progress::Silent;
+use prelight_bake::refine::angular::ViewOptions;
+use prelight_bake::refine::mesh::MeshOptions;
 use prelight_bake::scene::world::World;
 use prelight_bake::scene::{Primitive, Scene};
 use prelight_bake::seal::seal;
+use prelight_bake::vmf_transfer::transfer::TransferOptions;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::mesh::Lit;
 use prelight_runtime::draw::camera::Camera;
@@ -101,4 +104,31 @@ fn a_preview_that_is_refused_ends_the_bake_and_the_next_one_goes_on() {
     };
     bake_with_previews(&scene, &world, Some(&counts), &options, &store, &Silent, Some(&mut first)).unwrap_err();
     assert!(points > 0);
+}
+
+#[test]
+fn a_preview_does_not_wait_for_light_over_other_surfaces() {
+    let scene = still();
+    let mut options = options(&scene, 0.05);
+    let transfer = TransferOptions {
+        views: ViewOptions { start: 1, max: 2, budget: 0.5, floor: 0.02 },
+        mesh: MeshOptions { budget: f64::INFINITY, floor: 0.02 },
+        thin: 0.05,
+        most_paths: 256,
+    };
+    options.transfer = vec![Some(transfer); scene.objects.len()];
+    let world = World::build(&scene);
+    let counts = count_points(&scene, &world, &options.points, None).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open_or_create(folder.path()).unwrap();
+    let mut seen = false;
+    let mut first = |baked: Baked| {
+        let objects = &baked.content.objects;
+        assert!(objects.iter().all(|object| object.technique == "block_product"));
+        assert!(objects.iter().flat_map(|object| &object.patches).all(|patch| patch.transfer.is_none()));
+        seen = true;
+        ControlFlow::Break(())
+    };
+    bake_with_previews(&scene, &world, &counts, &options, &store, &Silent, Some(&mut first)).unwrap_err();
+    assert!(seen);
 }

@@ -10,6 +10,7 @@ use crate::engine::threads::Tracer;
 use crate::engine::transfer::TransferBaker;
 use crate::error::BakeError;
 use crate::plan::ObjectPlan;
+use crate::plan::buried::BuriedProbe;
 use crate::plan::preview::first_stops;
 use crate::plan::snapshot::Snapshot;
 use crate::plan::surface::point_surfaces;
@@ -62,9 +63,10 @@ impl Sealing<'_> {
         probes: &Probes,
     ) -> Result<Vec<ObjectError>, BakeError> {
         let stage = Stage::begin(self.progress, "measure", Some(work.len() as u64), "objects");
+        let solids = BuriedProbe::new(self.scene, world);
         let measured = work.par_iter().with_max_len(1).map(|object| {
             check(self.progress)?;
-            let error = object.measure(world, occluders, self.options, probes)?;
+            let error = object.measure(world, occluders, &solids, self.options, probes)?;
             stage.advance(1);
             Ok(error)
         });
@@ -105,7 +107,8 @@ impl Sealing<'_> {
             let before = object.chunks_before();
             let surfaces = OnceCell::new();
             let surfaces = || surfaces.get_or_init(|| point_surfaces(self.scene, plan));
-            let asked = self.options.transfer_of(plan.object);
+            // Light over other surfaces takes a hundred times as long as what a preview is waited for.
+            let asked = self.options.transfer_of(plan.object).filter(|_| whole);
             let indirect = match self.transfer.zip(asked) {
                 Some((baker, own)) => {
                     // Mostly found: only averages over footprints that a last split has changed are new.

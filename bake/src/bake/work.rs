@@ -2,18 +2,19 @@
 
 use super::options::BakeOptions;
 use super::stats::BakeStats;
-use crate::budget::{ObjectError, PLACES, Probes, measure_baked};
+use crate::budget::{ObjectError, PLACES, Places, Probes, measure_baked};
 use crate::engine::light::{LightPatch, LightRecord, PatchReach};
 use crate::engine::object::{KnownLight, ObjectChunks, ObjectCounts, raster};
 use crate::engine::threads::{PatchTask, Tracer};
 use crate::engine::transfer::{PatchTransfer, TransferBaker};
 use crate::error::BakeError;
+use crate::plan::buried::BuriedProbe;
 use crate::plan::changes::StalePatch;
 use crate::plan::shaft::OriginBoxes;
 use crate::plan::surface::point_surfaces;
 use crate::plan::{ObjectPlan, PointParams};
+use crate::refine::border::{Breaks, Seen};
 use crate::refine::split_differing;
-use crate::refine::visibility_difference::Difference;
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::Occluders;
@@ -122,10 +123,19 @@ impl ObjectWork {
     }
 
     /// What is lost between its points.
-    pub fn measure(&self, world: &World, occluders: &Occluders, options: &BakeOptions, probes: &Probes) -> Result<ObjectError, BakeError> {
+    pub fn measure(
+        &self,
+        world: &World,
+        occluders: &Occluders,
+        solids: &BuriedProbe,
+        options: &BakeOptions,
+        probes: &Probes,
+    ) -> Result<ObjectError, BakeError> {
         let patches: Vec<Visibility> = self.visibility.iter().map(|(_, chunk)| Visibility::from_chunk(chunk)).collect::<Result<_, _>>()?;
         let edge_length = options.points[self.plan.object as usize].edge_length;
-        Ok(measure_baked(&self.plan, &patches, world, occluders, edge_length, probes, PLACES))
+        let places = Places::new(&self.plan.base, world, occluders, solids, edge_length, probes, PLACES);
+        let (sums, grid) = (measure_baked(&self.plan, &patches, &places, probes), places.grid_error(occluders, probes));
+        Ok(ObjectError { object: self.plan.object as usize, sums, grid })
     }
 
     /// Traces what other surfaces send to the points that there are, if the object asks for it.
@@ -145,38 +155,39 @@ impl ObjectWork {
         Ok(())
     }
 
-    /// Splits edges whose ends see different things, or get other indirect light; returns how many points that added.
+    /// Splits edges whose ends see different things, where a budget asks for it also those that borders of shadows cross, or get other indirect light; returns how many points that added.
     pub fn split(&mut self, params: &PointParams, options: &BakeOptions, transfer: Option<&TransferBaker>) -> Result<u64, BakeError> {
         let face_resolution = options.face_resolution;
-        let texels = 6 * (face_resolution * face_resolution) as usize;
         let first: Vec<u32> = self.plan.patches.iter().map(|patch| patch.first).collect();
         let patch_of = |i: u32| first.partition_point(|first| *first <= i) - 1;
         let patches: Vec<OnceCell<Visibility>> = vec![OnceCell::new(); self.visibility.len()];
         // A chunk that cannot be read is rare, and its error can wait until all edges were asked.
         let unreadable = RefCell::new(None);
         let scratch = RefCell::new(Default::default());
-        let leak = |a: u32, b: u32| {
-            let seen = [a, b].map(|i| {
-                let patch = patch_of(i);
-                let visibility = match patches[patch].get() {
-                    Some(visibility) => visibility,
-                    None => match Visibility::from_chunk(&self.visibility[patch].1) {
-                        Ok(visibility) => patches[patch].get_or_init(|| visibility),
-                        Err(error) => {
-                            *unreadable.borrow_mut() = Some(error);
-                            return None;
-                        }
-                    },
-                };
-                Some(visibility.point((i - first[patch]) as usize))
-            });
-            let [Some(a), Some(b)] = seen else { return false };
-            Difference::between(a, b, texels, &mut scratch.borrow_mut()).is_leak(texels)
+        let seen = |i: u32| {
+            let patch = patch_of(i);
+            let visibility = match patches[patch].get() {
+                Some(visibility) => visibility,
+                None => match Visibility::from_chunk(&self.visibility[patch].1) {
+                    Ok(visibility) => patches[patch].get_or_init(|| visibility),
+                    Err(error) => {
+                        *unreadable.borrow_mut() = Some(error);
+                        return None;
+                    }
+                },
+            };
+            let (position, normal) = (self.plan.position[i as usize], self.plan.normal[i as usize]);
+            Some(Seen { position, normal, visibility: visibility.point((i - first[patch]) as usize) })
+        };
+        let is_buried = |i: u32| self.plan.flags[i as usize] & BURIED != 0;
+        let breaks = Breaks::new(face_resolution as usize, params.most_unrest);
+        let direct = |a: u32, b: u32| {
+            let (Some(seen_a), Some(seen_b)) = (seen(a), seen(b)) else { return false };
+            breaks.split(seen_a, seen_b, [is_buried(a), is_buried(b)], &mut scratch.borrow_mut())
         };
         let (patches_lit, normal) = (&self.indirect.0, &self.indirect.1);
         let baker = transfer.zip(options.transfer_of(self.plan.object));
         let indirect = baker.map(|(baker, own)| baker.differing(&self.plan, patches_lit, normal, own));
-        let is_buried = |i: u32| self.plan.flags[i as usize] & BURIED != 0;
         let mut recall = self.known.as_deref().filter(|_| !params.coarser).map(|known| Recall::new(self, known));
         let (plan, differing) = loop {
             let found = RefCell::new(Vec::new());
@@ -184,8 +195,8 @@ impl ObjectWork {
                 if a.max(b) < self.judged {
                     return false;
                 }
-                // Nothing is interpolated from a buried point, so nothing leaks from it.
-                let ask = || !is_buried(a) && !is_buried(b) && (leak(a, b) || indirect.as_ref().is_some_and(|differs| differs(a, b)));
+                let lobes = || !is_buried(a) && !is_buried(b) && indirect.as_ref().is_some_and(|differs| differs(a, b));
+                let ask = || direct(a, b) || lobes();
                 let answer = match &recall {
                     Some(recall) => recall.answer([a, b], ask),
                     None => ask(),
@@ -196,8 +207,7 @@ impl ObjectWork {
                 answer
             };
             // Where fewer points are baked than the mesh has, those between two that differ are baked first.
-            let leaks = |a: u32, b: u32| !is_buried(a) && !is_buried(b) && leak(a, b);
-            let plan = match self.plan.without_leaking_stands(params, &leaks) {
+            let plan = match self.plan.without_leaking_stands(params, &direct) {
                 Some(plan) => Some(plan),
                 None => split_differing(&self.plan, params, &differs)?,
             };

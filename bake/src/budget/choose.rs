@@ -1,26 +1,18 @@
-//! Which edge length meets a budget; see [`super`].
+//! Which candidate meets a budget; see [`super`].
 
-use super::measure::measure_planned;
+use super::candidates::{BORDERS, Candidate, LENGTHS, Question};
 use super::probes::Probes;
 use crate::error::BakeError;
-use crate::plan::{PointParams, plan_object};
+use crate::plan::PointParams;
+use crate::plan::buried::BuriedProbe;
 use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::Occluders;
 use rayon::prelude::*;
 
-/// Places of an object at which a candidate is judged.
-pub const PLACES: usize = 96;
-/// Candidates, as shares of the edge length that the object would have without a budget. The last is the finest that a budget may ask for.
-pub(super) const LENGTHS: [f32; 5] = [8.0, 4.0, 2.0, 1.0, 0.5];
-/// A candidate is taken only if it stays below this share of the budget: places are few, and other lights are not the probes.
-pub(super) const MARGIN: f64 = 0.85;
-
-/// A candidate: an edge length in units of the object's own.
-pub(super) fn at_share(params: &PointParams, share: f32) -> PointParams {
-    PointParams { coarser: true, ..params.with_edge_length(params.edge_length * share) }
-}
+/// Where nothing meets a budget: the cheapest candidate whose error is at most this many times the least.
+const NEAR_FLOOR: f64 = 1.05;
 
 /// What was chosen for an object.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,13 +25,13 @@ pub struct Choice {
     pub predicted: f64,
     /// What was chosen.
     pub params: PointParams,
-    /// Points of it.
+    /// Points that it is expected to have.
     pub points: u64,
-    /// The finest candidate misses the budget; it was taken, and `predicted` is the floor.
+    /// Nothing allowed meets the budget; the nearest was taken, and `predicted` is the floor.
     pub is_declared: bool,
 }
 
-/// For each object that has a budget, the longest edge length that meets it. `params` are those of each object without one.
+/// For each object that has a budget, the cheapest candidate that meets it. `params` are those of each object without one.
 ///
 /// Pure: no clock, no thread count. An object's choice depends on the object, its knobs and on what can block its light.
 ///
@@ -54,25 +46,102 @@ pub fn choose(
     face_resolution: u32,
     progress: &dyn Progress,
 ) -> Result<Vec<Choice>, BakeError> {
-    let probes = Probes::steering(face_resolution);
+    let (probes, solids) = (Probes::steering(face_resolution), BuriedProbe::new(scene, world));
     let wanted: Vec<(usize, f64)> = budgets.iter().enumerate().filter_map(|(object, budget)| Some((object, (*budget)?))).collect();
     let stage = Stage::begin(progress, "budget", Some(wanted.len() as u64), "objects");
     let choices = wanted.par_iter().with_max_len(1).map(|&(object, budget)| {
-        let mut last = None;
-        for share in LENGTHS {
+        let mut question = Question::new(scene, world, occluders, &solids, object, &params[object], &probes, face_resolution)?;
+        let ask = |length: usize, border: usize| {
             check(progress)?;
-            let candidate = at_share(&params[object], share);
-            let plan = plan_object(scene, world, object, &candidate)?;
-            let predicted = measure_planned(&plan, world, occluders, candidate.edge_length, &probes, PLACES).relative_l2();
-            let is_met = predicted <= MARGIN * budget;
-            let points = plan.n_points() as u64;
-            last = Some(Choice { object, budget, predicted, params: candidate, points, is_declared: predicted > budget });
-            if is_met {
+            if border == 0 && !question.allows(length)? {
+                return Ok(None);
+            }
+            question.candidate(length, border).map(Some)
+        };
+        let found = cheapest(budget, ask)?;
+        stage.advance(1);
+        let is_declared = found.predicted > budget;
+        Ok(Choice { object, budget, predicted: found.predicted, params: found.params, points: found.points, is_declared })
+    });
+    choices.collect()
+}
+
+/// The cheapest candidate that meets a budget with the margin, of those that `ask` is asked for (`None`: this edge length is not allowed, nor is
+/// any shorter one): per edge length ever finer borders, until one
+/// meets or costs as much as what is known already. Where none does, the cheapest near the least error.
+fn cheapest(budget: f64, mut ask: impl FnMut(usize, usize) -> Result<Option<Candidate>, BakeError>) -> Result<Candidate, BakeError> {
+    let mut seen: Vec<Candidate> = Vec::new();
+    let mut best: Option<Candidate> = None;
+    'lengths: for length in 0..LENGTHS.len() {
+        for border in 0..BORDERS.len() {
+            let Some(candidate) = ask(length, border)? else { break 'lengths };
+            let is_dear = best.is_some_and(|best| best.points <= candidate.points);
+            let was_same = border > 0 && seen.last().is_some_and(|last| last.predicted == candidate.predicted);
+            seen.push(candidate);
+            if candidate.meets(budget) && !is_dear {
+                best = Some(candidate);
+            }
+            // Finer borders only cost more; where the last step split nothing near any place, another seldom does.
+            if candidate.meets(budget) || is_dear || was_same && border > 3 {
                 break;
             }
         }
-        stage.advance(1);
-        Ok(last.expect("there are candidates"))
-    });
-    choices.collect()
+        // Shorter edges alone cost more than what was found.
+        let plain = seen.iter().rfind(|candidate| candidate.border == 0);
+        if best.zip(plain).is_some_and(|(best, plain)| best.points <= plain.points) {
+            break;
+        }
+    }
+    if let Some(best) = best {
+        return Ok(best);
+    }
+    let least = seen.iter().map(|candidate| candidate.predicted).fold(f64::INFINITY, f64::min);
+    let near = seen.iter().filter(|candidate| candidate.predicted <= NEAR_FLOOR * least);
+    // In order of candidates where prices are equal.
+    Ok(*near.reduce(|a, b| if b.points < a.points { b } else { a }).expect("there are candidates"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::test_scenes::params;
+
+    /// Points double with every step of either ladder; `error` of (length, border).
+    fn chosen(budget: f64, error: impl Fn(usize, usize) -> f64) -> (Candidate, usize) {
+        let mut asked = 0;
+        let ask = |length: usize, border: usize| {
+            asked += 1;
+            let points = 100 << (2 * length + border);
+            Ok(Some(Candidate { length, border, params: params(1.0), points, predicted: error(length, border) }))
+        };
+        let found = cheapest(budget, ask).unwrap();
+        (found, asked)
+    }
+
+    #[test]
+    fn the_cheapest_of_all_that_meet_is_found_without_asking_for_all() {
+        let smooth = |length: usize, border: usize| 0.4 / f64::from(1 << length) / (1.0 + 0.1 * border as f64);
+        let bordered = |length: usize, border: usize| 0.2 / (1.0 + length as f64) / f64::from(1 << border);
+        for error in [&smooth as &dyn Fn(usize, usize) -> f64, &bordered] {
+            for budget in [0.5, 0.1, 0.05, 0.02] {
+                let (found, asked) = chosen(budget, error);
+                let all = (0..LENGTHS.len()).flat_map(|length| (0..BORDERS.len()).map(move |border| (length, border)));
+                let meeting = all.filter(|(length, border)| error(*length, *border) <= super::super::candidates::MARGIN * budget);
+                match meeting.map(|(length, border)| 100u64 << (2 * length + border)).min() {
+                    Some(points) => assert_eq!(found.points, points, "{budget}"),
+                    None => assert!(!found.meets(budget)),
+                }
+                assert!(asked <= LENGTHS.len() * BORDERS.len());
+            }
+        }
+        // Met at once: two looks, since the next edge length alone costs as much as it can save.
+        assert!(chosen(1.0, smooth).1 <= 2);
+    }
+
+    #[test]
+    fn where_nothing_meets_the_cheapest_near_the_floor_is_taken() {
+        // Borders help little, lengths nothing.
+        let (found, _) = chosen(0.01, |_, border| if border < 2 { 0.3 } else { 0.1 + 0.0001 / (1.0 + border as f64) });
+        assert_eq!((found.length, found.border), (0, 2), "{found:?}");
+    }
 }

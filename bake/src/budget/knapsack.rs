@@ -1,34 +1,24 @@
 //! Whether choosing per object is worth it: the planner beside one setting for all that meets the same budget.
 //!
 //! ```text
-//! planner     Σ_objects points of the longest edge length that meets the budget (the shortest where none does: declared)
-//! one for all Σ_objects points at the longest edge length, as a share of each object's own, at which every object that is not declared meets it
+//! planner     Σ_objects points of the cheapest candidate that meets the budget (the cheapest near its floor where none does: declared)
+//! one for all Σ_objects points at the edge length and border, as shares of each object's own, that cost least of those at which every object
+//!             that is not declared meets it
 //! ```
 //!
 //! Both have the same technique, directions and bits, so bytes and counted work are in proportion to points: one figure stands for all three.
-//! Shares are of what each object would have without a budget: its edge length from `edge_length` or its own `[[object]]`.
+//! What is declared is counted on both sides as the planner has it: it meets nothing, and no setting is judged by it.
 
-use super::choose::{LENGTHS, MARGIN, PLACES, at_share};
-use super::measure::measure_planned;
+use super::candidates::{BORDERS, Candidate, LENGTHS, Question};
 use super::probes::Probes;
 use crate::error::BakeError;
-use crate::plan::{PointParams, plan_object};
+use crate::plan::PointParams;
+use crate::plan::buried::BuriedProbe;
 use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::Occluders;
 use rayon::prelude::*;
-
-/// One object at one edge length.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Candidate {
-    /// Edge length in units of the object's own.
-    pub share: f32,
-    /// Points.
-    pub points: u64,
-    /// Error on the probes that steer.
-    pub predicted: f64,
-}
 
 /// The planner and one setting for all at one budget.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -37,12 +27,16 @@ pub struct Contest {
     pub budget: f64,
     /// Objects that no candidate brings below it.
     pub declared: usize,
-    /// Points of the planner's choice.
+    /// Points of the planner's choice, objects that are not declared.
     pub planner_points: u64,
     /// The edge length for all, in units of each object's own.
     pub single_share: f32,
-    /// Points of it.
+    /// The unrest that borders keep, in units of each object's own edge length squared; `None`: borders are not refined.
+    pub single_unrest: Option<f32>,
+    /// Points of that setting, the same objects.
     pub single_points: u64,
+    /// Points of the best setting without refined borders; `None` where no such setting meets the budget.
+    pub plain_points: Option<u64>,
 }
 
 impl Contest {
@@ -52,7 +46,8 @@ impl Contest {
     }
 }
 
-/// Every candidate of every object, from the longest edge length on.
+/// Every candidate of every object, by edge length and then border. Where an edge length is not allowed, the object is not traced at it: points are
+/// counted without borders, and the error is taken to be the least of those that are allowed, which can only help one setting for all.
 ///
 /// # Errors
 /// A candidate that cannot be planned; [`BakeError::Cancelled`].
@@ -64,17 +59,23 @@ pub fn candidates(
     face_resolution: u32,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<Candidate>>, BakeError> {
-    let probes = Probes::steering(face_resolution);
+    let (probes, solids) = (Probes::steering(face_resolution), BuriedProbe::new(scene, world));
     let stage = Stage::begin(progress, "candidates", Some(scene.objects.len() as u64), "objects");
     let object = |object: usize| {
-        let all = LENGTHS.iter().map(|share| {
-            check(progress)?;
-            let candidate = at_share(&params[object], *share);
-            let plan = plan_object(scene, world, object, &candidate)?;
-            let predicted = measure_planned(&plan, world, occluders, candidate.edge_length, &probes, PLACES).relative_l2();
-            Ok(Candidate { share: *share, points: plan.n_points() as u64, predicted })
-        });
-        let all = all.collect::<Result<Vec<_>, BakeError>>()?;
+        let mut question = Question::new(scene, world, occluders, &solids, object, &params[object], &probes, face_resolution)?;
+        let mut all: Vec<Candidate> = Vec::new();
+        for length in 0..LENGTHS.len() {
+            let is_allowed = question.allows(length)?;
+            for border in 0..BORDERS.len() {
+                check(progress)?;
+                if is_allowed {
+                    all.push(question.candidate(length, border)?);
+                    continue;
+                }
+                let predicted = all.iter().map(|known| known.predicted).fold(f64::INFINITY, f64::min);
+                all.push(Candidate { length, border, params: params[object], points: question.counted(length), predicted });
+            }
+        }
         stage.advance(1);
         Ok(all)
     };
@@ -83,46 +84,61 @@ pub fn candidates(
 
 /// Both sides at a budget. `objects` as [`candidates`] gives them.
 pub fn contest(objects: &[Vec<Candidate>], budget: f64) -> Contest {
-    let meets = |candidate: &Candidate| candidate.predicted <= MARGIN * budget;
-    let last = |object: &Vec<Candidate>| object.last().copied();
-    let chosen: Vec<Candidate> = objects.iter().filter_map(|object| object.iter().copied().find(|c| meets(c)).or(last(object))).collect();
-    let declared: Vec<bool> =
-        objects.iter().map(|object| last(object).is_some_and(|last| last.predicted > budget && !object.iter().any(meets))).collect();
+    let least = |object: &Vec<Candidate>| object.iter().map(|candidate| candidate.predicted).fold(f64::INFINITY, f64::min);
+    let (met, declared): (Vec<&Vec<Candidate>>, Vec<_>) = objects.iter().partition(|object| least(object) <= budget);
+    // As the planner's: where the margin cannot be kept, the budget itself is what is left to keep.
+    let meets = |object: &[Candidate], at: usize| match object.iter().any(|candidate| candidate.meets(budget)) {
+        true => object[at].meets(budget),
+        false => object[at].predicted <= budget,
+    };
+    let cheapest = |object: &&Vec<Candidate>| (0..object.len()).filter(|at| meets(object, *at)).map(|at| object[at].points).min();
     let n = objects.iter().map(Vec::len).min().unwrap_or(0);
-    // As the planner's: the finest where the margin cannot be kept.
-    let all_meet =
-        |i: usize| objects.iter().zip(&declared).all(|(object, declared)| *declared || meets(&object[i]) || !object.iter().any(meets));
-    let at = (0..n).find(|i| all_meet(*i)).unwrap_or(n.saturating_sub(1));
-    let single: u64 = objects.iter().filter_map(|object| object.get(at)).map(|candidate| candidate.points).sum();
+    let total = |at: usize| met.iter().map(|object| object[at].points).sum::<u64>();
+    let all_meet = |at: &usize| met.iter().all(|object| meets(object, *at));
+    // Where nothing meets for all, the finest; of equal prices the first.
+    let single = (0..n).filter(all_meet).min_by_key(|at| (total(*at), *at)).unwrap_or(n.saturating_sub(1));
+    let setting = objects.first().and_then(|object| object.get(single));
+    let plain = (0..n).filter(|at| objects[0][*at].border == 0).filter(all_meet).map(total).min();
     Contest {
         budget,
-        declared: declared.iter().filter(|declared| **declared).count(),
-        planner_points: chosen.iter().map(|candidate| candidate.points).sum(),
-        single_share: objects.first().and_then(|object| object.get(at)).map_or(1.0, |candidate| candidate.share),
-        single_points: single,
+        declared: declared.len(),
+        planner_points: met.iter().filter_map(cheapest).sum(),
+        single_share: setting.map_or(1.0, |candidate| LENGTHS[candidate.length]),
+        single_unrest: setting.map(|candidate| BORDERS[candidate.border]).filter(|unrest| unrest.is_finite()),
+        single_points: if n == 0 { 0 } else { total(single) },
+        plain_points: plain,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::test_scenes::params;
 
-    fn object(points: [u64; 3], predicted: [f64; 3]) -> Vec<Candidate> {
-        (0..3).map(|i| Candidate { share: [4.0, 2.0, 1.0][i], points: points[i], predicted: predicted[i] }).collect()
+    /// Two edge lengths, each with and without a border.
+    fn object(points: [u64; 4], predicted: [f64; 4]) -> Vec<Candidate> {
+        let candidate =
+            |i: usize| Candidate { length: 1 + i / 2, border: i % 2, params: params(1.0), points: points[i], predicted: predicted[i] };
+        (0..4).map(candidate).collect()
     }
 
     #[test]
     fn one_setting_for_all_is_as_fine_as_its_hardest_object_and_declared_ones_bind_nobody() {
-        let easy = object([10, 40, 160], [0.01, 0.005, 0.001]);
-        let middling = object([10, 40, 160], [0.3, 0.05, 0.02]);
-        let hopeless = object([5, 20, 80], [0.9, 0.8, 0.7]);
-        let found = contest(&[easy.clone(), middling.clone(), hopeless], 0.1);
-        assert_eq!((found.declared, found.planner_points), (1, 10 + 40 + 80));
-        assert_eq!((found.single_share, found.single_points), (2.0, 40 + 40 + 20));
-        // Without it the planner is ahead: the easy object stays coarse.
-        let found = contest(&[easy.clone(), middling], 0.1);
-        assert_eq!((found.declared, found.planner_points, found.single_points), (0, 50, 80));
-        assert!((found.ratio() - 0.625).abs() < 1e-12);
+        let easy = object([10, 15, 40, 60], [0.01, 0.009, 0.005, 0.001]);
+        let bordered = object([10, 20, 40, 70], [0.3, 0.05, 0.2, 0.02]);
+        let smooth = object([10, 12, 40, 44], [0.3, 0.29, 0.05, 0.05]);
+        let hopeless = object([5, 6, 20, 21], [0.9, 0.9, 0.8, 0.8]);
+        let found = contest(&[easy.clone(), bordered.clone(), hopeless], 0.1);
+        assert_eq!((found.declared, found.planner_points), (1, 10 + 20));
+        // The coarse edge length with borders: 15 + 20; without borders nothing does.
+        assert_eq!(
+            (found.single_share, found.single_unrest, found.single_points, found.plain_points),
+            (LENGTHS[1], Some(BORDERS[1]), 35, None)
+        );
+        // What is smooth wants edges, what is bordered wants borders: one for all needs both.
+        let found = contest(&[easy.clone(), bordered, smooth], 0.1);
+        assert_eq!((found.declared, found.planner_points, found.single_points), (0, 10 + 20 + 40, 60 + 70 + 44));
+        assert!((found.ratio() - 70.0 / 174.0).abs() < 1e-12);
         // Where all want the same, both are the same.
         assert_eq!(contest(&[easy.clone(), easy], 0.1).ratio(), 1.0);
         assert_eq!(contest(&[], 0.1).planner_points, 0);

@@ -1,4 +1,4 @@
-//! A budget of error in, the least model out: which edge length an object needs, and what a bake really loses between its points.
+//! A budget of error in, the least model out: how many points an object needs and where, and what a bake really loses between them.
 //!
 //! **Error** of an object: relative L2 of diffuse radiance at places drawn evenly over its surface,
 //!
@@ -6,22 +6,32 @@
 //! √( Σ (shown − true)² / Σ true² )      over places, lights and channels
 //! ```
 //!
-//! *shown* is what draw interpolates from the points around the place; *true* the sum over 128² texels that a ray from the place itself finds
-//! open, under the same light. Both have the place's normal. Lights are built in ([`probes`]): one set steers, another judges, and so do the
-//! scene's own lights, which never steer: editing a light changes no digest.
+//! *shown* is what draw interpolates from the points around the place; *true* the sum over 128² texels, each as far open as 8×8 rays from the place
+//! itself find it, under the same light ([`Places`]). Both have the place's normal. Lights are built in ([`probes`]): one set steers, another judges,
+//! and so do the scene's own lights, which never steer: editing a light changes no digest.
 //!
-//! **Choice** ([`choose()`]): per object the longest of a few edge lengths that meets its budget. Its points, the work of a bake and its bytes all
-//! grow as the edge length falls, so the longest is the cheapest. Where even the shortest misses, it is taken, and the object is declared.
+//! **Choice** ([`choose()`]): per object the cheapest of its [`candidates`] that meets its budget, an edge length and how far borders of shadows are
+//! refined on top of it ([`crate::refine::border`]). What a candidate has to offer is found before the bake: only the triangles that hold a place are
+//! refined as the bake will refine them, and only their points traced, each once for all candidates. Where none meets, the cheapest near the least
+//! error is taken, and the object is declared.
 //!
 //! Whether choosing per object pays is measured by [`knapsack`].
 //!
-//! Glossy light is not in it: a budget says nothing about highlights. Visibility of *true* is one sample a texel.
+//! Glossy light is not in it: a budget says nothing about highlights. A candidate's points are an estimate (places come by area, so each stands for as
+//! many triangles as its own fits into the surface), its error leaves out what hard edges that share a site with a place's triangle split in addition.
 
+mod around;
+pub mod candidates;
 mod choose;
 pub mod knapsack;
 mod measure;
+mod places;
 pub mod probes;
+mod traced;
 
-pub use choose::{Choice, PLACES, choose};
+pub use candidates::PLACES;
+pub use choose::{Choice, choose};
 pub use measure::{ObjectError, Sums, measure_baked, measure_planned};
+pub use places::Places;
 pub use probes::Probes;
+pub use traced::Tracing;

@@ -238,10 +238,8 @@ pub fn page(heading: &Heading, cells: &[Cell], extra: &[Section]) -> String {
 /// The planner of budgets beside one edge length for all objects.
 pub fn contest_section(contests: &[Contest], objects: usize) -> Section {
     let marks = contests.iter().enumerate().flat_map(|(row, contest)| {
-        let sides = [
-            ("planner", contest.planner_points, contest.ratio() <= 1.0),
-            ("one edge length", contest.single_points, contest.ratio() >= 1.0),
-        ];
+        let sides =
+            [("planner", contest.planner_points, contest.ratio() <= 1.0), ("one setting", contest.single_points, contest.ratio() >= 1.0)];
         sides.map(|(series, points, is_front)| Mark {
             series: series.to_string(),
             label: significant(contest.budget),
@@ -265,22 +263,26 @@ pub fn contest_section(contests: &[Contest], objects: usize) -> Section {
         line: None,
     };
     let mut out = format!(
-        "<h2>The planner and one setting for all</h2>\n<p>For each budget the planner takes the longest edge length of each object that meets it; beside it, \
-         one share of all edge lengths at which every object that can meet the budget does. Same technique, directions and bits.</p>\n\
+        "<h2>The planner and one setting for all</h2>\n<p>For each budget the planner takes of each object the cheapest edge length and border of shadows \
+         that meet it; beside it, the cheapest setting for all objects at which every object that can meet the budget does: with borders, and of \
+         edge lengths alone. Same technique, directions and bits; objects that are declared are on neither side.</p>\n\
          <article><div class=\"plots\">{}</div>\n<table><tr><th>budget</th><th>declared, of {objects}</th><th>points, planner</th>\
-         <th>points, one for all</th><th>its edge length, times each own</th><th>planner / one for all</th></tr>\n",
+         <th>points, one for all</th><th>its edge length, times each own</th><th>its unrest, times each own²</th><th>planner / one for all</th>\
+         <th>points, edge lengths alone</th></tr>\n",
         plot.to_svg()
     );
     for (row, contest) in contests.iter().enumerate() {
         let _ = writeln!(
             out,
-            "<tr data-row=\"{row}\"><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr data-row=\"{row}\"><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             contest.budget,
             contest.declared,
             contest.planner_points,
             contest.single_points,
             contest.single_share,
-            significant(contest.ratio())
+            contest.single_unrest.map_or("none".to_string(), |unrest| significant(f64::from(unrest))),
+            significant(contest.ratio()),
+            contest.plain_points.map_or("none meets".to_string(), |points| points.to_string()),
         );
     }
     out += "</table></article>\n";
@@ -442,7 +444,15 @@ mod tests {
 
     #[test]
     fn the_planners_section_shows_both_sides_of_each_budget() {
-        let contest = |budget: f64| Contest { budget, declared: 1, planner_points: 500, single_share: 2.0, single_points: 1000 };
+        let contest = |budget: f64| Contest {
+            budget,
+            declared: 1,
+            planner_points: 500,
+            single_share: 2.0,
+            single_unrest: None,
+            single_points: 1000,
+            plain_points: None,
+        };
         let (anchor, _, html) = contest_section(&[contest(0.1), contest(0.05)], 7);
         assert_eq!((anchor.as_str(), html.matches("<tr data-row").count(), html.matches("class=\"mark\"").count()), ("planner", 2, 4));
         assert!(html.contains("0.5000") && html.contains("of 7"), "{html}");

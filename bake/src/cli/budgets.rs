@@ -4,7 +4,7 @@ use super::bake::round;
 use super::loaded::Loaded;
 use super::read::read_environment;
 use super::{Context, Failure};
-use prelight_bake::budget::{ObjectError, Probes};
+use prelight_bake::budget::{ObjectError, Probes, Sums};
 use prelight_runtime::environment::Environment;
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -51,7 +51,9 @@ pub fn lines(loaded: &Loaded) -> Vec<String> {
         lines.push(format!("and {} more", declared.len() - LISTED));
     }
     if !declared.is_empty() {
-        lines.push("a floor is at half of the object's edge_length: a shorter edge_length goes lower".to_string());
+        lines.push(
+            "a floor is at half of the object's edge_length and finer borders of shadows: a shorter edge_length goes lower".to_string(),
+        );
     }
     lines
 }
@@ -61,7 +63,8 @@ pub fn to_json(loaded: &Loaded) -> Vec<Value> {
     let one = |choice: &prelight_bake::budget::Choice| {
         json!({
             "object": loaded.scene.objects[choice.object].name, "max_error": choice.budget, "predicted": choice.predicted,
-            "edge_length": round(choice.params.edge_length), "points": choice.points, "declared": choice.is_declared,
+            "edge_length": round(choice.params.edge_length), "points": choice.points,
+            "most_unrest": choice.params.most_unrest.is_finite().then_some(choice.params.most_unrest), "declared": choice.is_declared,
         })
     };
     loaded.settings.choices.iter().map(one).collect()
@@ -70,16 +73,18 @@ pub fn to_json(loaded: &Loaded) -> Vec<Value> {
 /// What an asset's report keeps of each object that was measured: the budget, if any, and the error under each light.
 pub fn measured_json(loaded: &Loaded, errors: &[ObjectError]) -> Vec<Value> {
     let Some(probes) = &loaded.settings.options.rebake.measure else { return Vec::new() };
-    let n_held_back = probes.lights.iter().filter(|light| light.name.starts_with("held-back ")).count();
+    let n_held_back = probes.n_held_back();
     let one = |error: &ObjectError| {
         let choice = loaded.settings.choices.iter().find(|choice| choice.object == error.object);
-        let lights: serde_json::Map<String, Value> =
-            probes.lights.iter().enumerate().map(|(i, light)| (light.name.clone(), error.sums.under(i..i + 1).into())).collect();
+        let by_light = |sums: &Sums| -> serde_json::Map<String, Value> {
+            probes.lights.iter().enumerate().map(|(i, light)| (light.name.clone(), sums.under(i..i + 1).into())).collect()
+        };
         let held_back = error.sums.under(0..n_held_back);
         json!({
             "object": loaded.scene.objects[error.object].name, "max_error": choice.map(|choice| choice.budget),
             "predicted": choice.map(|choice| choice.predicted), "declared": choice.is_some_and(|choice| choice.is_declared),
-            "held_back": held_back, "lights": lights,
+            "held_back": held_back, "lights": by_light(&error.sums),
+            "grid": error.grid.under(0..n_held_back), "grid_lights": by_light(&error.grid),
         })
     };
     errors.iter().map(one).collect()

@@ -64,7 +64,7 @@ pub struct ChartArgs {
     /// Compare with the chart.csv of an older chart; end with 4 where something got slower, larger or less accurate
     #[arg(long, value_name = "CSV", conflicts_with = "paper")]
     pub against: Option<PathBuf>,
-    /// Also hold the planner of budgets against one edge length for all objects, at each of these errors: 0.2,0.1,0.05
+    /// Also hold the planner of budgets against the best one setting for all objects, at each of these errors: 0.2,0.1,0.05
     #[arg(long, value_name = "ERRORS", value_delimiter = ',', conflicts_with_all = ["paper", "stability"], value_parser = super::args::max_error)]
     pub budgets: Vec<f64>,
     /// Only where methods fail: every known mode with its figure and bound, on scenes of its own; -e maps are turned there as well

@@ -1,4 +1,4 @@
-//! `prelight chart --budgets`: the planner beside one edge length for all objects.
+//! `prelight chart --budgets`: the planner beside one setting for all objects.
 
 use super::chart::ChartArgs;
 use super::loaded::Loaded;

@@ -105,7 +105,7 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
             "name": object.name, "technique": entry.technique, "points": entry.n_points, "buried": buried, "triangles": entry.n_triangles,
             "patches": entry.patches.len(), "edge_length": round(object.edge_length), "directions": directions,
             "bytes": { "total": object_bytes(entry), "visibility": visibility, "mesh": entry.mesh.bytes },
-            "max_error": measured["max_error"], "predicted": measured["predicted"], "measured": measured["held_back"],
+            "max_error": measured["max_error"], "predicted": measured["predicted"], "measured": measured["held_back"], "grid": measured["grid"],
             "declared": measured["declared"],
         }));
     }
@@ -136,8 +136,12 @@ fn text(asset: &Asset, by_kind: &BTreeMap<String, u64>, objects: &mut [Value]) -
     rows.extend(by_kind.iter().map(|(kind, bytes)| (kind.as_str(), ByteSize(*bytes).to_string())));
     let mut text: String = rows.iter().map(|(name, value)| format!("{name:<14}{value}\n")).collect();
     let is_measured = objects.iter().any(|object| object["measured"].is_number());
-    let errors = |predicted: &str, measured: &str| if is_measured { format!("{predicted:>10} {measured:>9} ") } else { String::new() };
-    let heading = errors("predicted", "measured");
+    let errors = |figures: [&str; 3]| match is_measured {
+        true => format!("{:>10} {:>9} {:>8} ", figures[0], figures[1], figures[2]),
+        false => String::new(),
+    };
+    // The grid's own error is that of its directions against the exact light, which no budget is about.
+    let heading = errors(["predicted", "measured", "grid"]);
     text += &format!(
         "\n{:>9} {:>9} {:>8} {:>11} {:>10} {heading} technique      object\n",
         "points", "triangles", "buried", "directions", "bytes"
@@ -147,7 +151,7 @@ fn text(asset: &Asset, by_kind: &BTreeMap<String, u64>, objects: &mut [Value]) -
         let number = |field: &str| object[field].as_u64().unwrap_or(0);
         let name = object["name"].as_str().unwrap_or_default();
         let error = |field: &str| object[field].as_f64().map_or("-".to_string(), |error| format!("{error:.4}"));
-        let errors = errors(&error("predicted"), &error("measured"));
+        let errors = errors([&error("predicted"), &error("measured"), &error("grid")]);
         let bytes = ByteSize(object["bytes"]["total"].as_u64().unwrap_or(0)).to_string();
         let technique = object["technique"].as_str().unwrap_or_default();
         // Declared: its budget was known to be out of reach.

@@ -87,9 +87,12 @@ impl<'a> BuriedProbe<'a> {
 
     /// Whether point `i`, which sees nothing, is buried.
     pub fn ask(&self, plan: &ObjectPlan, i: u32, edge_length: f32, closest: &ClosestHit) -> Verdict {
-        let normal = plan.geometric_normal[i as usize];
-        let origin = plan.origin[i as usize];
-        let limit = COINCIDENT * local_edge(plan, i, edge_length);
+        self.ask_from(plan.origin[i as usize], plan.geometric_normal[i as usize], local_edge(plan, i, edge_length), closest)
+    }
+
+    /// The same of any place that sees nothing, with its geometric normal; `local_edge` in metres as [`local_edge`] has it.
+    pub fn ask_from(&self, origin: [f32; 3], normal: [f32; 3], local_edge: f64, closest: &ClosestHit) -> Verdict {
+        let limit = COINCIDENT * local_edge;
         let (t, b) = tangents(normal);
         let (t, b, n) = (wide(t), wide(b), wide(normal));
         let (mut behind, mut near, mut reach) = (0, 0, 0.0f64);

@@ -20,6 +20,8 @@ pub struct PointParams {
     pub max_level: u32,
     /// Where the mesh is finer than `edge_length`, only some of its points are baked, the others interpolate.
     pub coarser: bool,
+    /// Unrest of an edge, m²·sr, above which the borders of shadows split it down to the floor ([`crate::refine::border`]); infinite: never.
+    pub most_unrest: f32,
     /// Refined triangles of one object; more is an error that says so, not an allocation.
     pub max_triangles: u32,
 }
@@ -33,6 +35,7 @@ impl PointParams {
             area_floor: knobs.area_floor as f32,
             max_level: DEEPEST_LEVEL,
             coarser: knobs.coarser,
+            most_unrest: f32::INFINITY,
             max_triangles: 1 << 26,
         }
     }
@@ -61,6 +64,9 @@ impl PointParams {
         }
         if self.max_level > DEEPEST_LEVEL {
             return error("max_level", self.max_level.into(), "0..=15");
+        }
+        if self.most_unrest.is_nan() || self.most_unrest < 0.0 {
+            return error("most_unrest", self.most_unrest.into(), "0 or more");
         }
         Ok(())
     }

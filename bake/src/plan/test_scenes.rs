@@ -94,7 +94,15 @@ pub fn sphere(centre: [f32; 3], radius: f32, around: u32, up: u32, inside: bool)
 
 /// Parameters for tests: an edge length, and normals that ask for nothing.
 pub fn params(edge_length: f32) -> PointParams {
-    PointParams { edge_length, normal_angle_deg: 180.0, area_floor: 0.125, max_level: 15, coarser: false, max_triangles: 1 << 24 }
+    PointParams {
+        edge_length,
+        normal_angle_deg: 180.0,
+        area_floor: 0.125,
+        max_level: 15,
+        coarser: false,
+        most_unrest: f32::INFINITY,
+        max_triangles: 1 << 24,
+    }
 }
 
 /// World and all plans.

@@ -9,9 +9,12 @@
 //!
 //! [`mesh`] says which edges are too long for indirect light.
 //!
+//! [`border`] says which edges borders of shadows cross.
+//!
 //! [`split`] refines an object, [`differing`] goes on round by round where light leaks or indirect light differs (`round`), [`count`] counts without building.
 
 pub mod angular;
+pub mod border;
 mod cells;
 pub mod count;
 pub mod differing;

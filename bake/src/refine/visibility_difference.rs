@@ -17,27 +17,12 @@ pub struct Difference {
 impl Difference {
     /// Compares two points of cubemaps with `texels` = 6·n² texels.
     pub fn between(a: PointVisibility, b: PointVisibility, texels: usize, scratch: &mut [Vec<u32>; 2]) -> Self {
-        for (list, point) in scratch.iter_mut().zip([a, b]) {
-            list.clear();
-            point.for_each_transition(|position| list.push(position as u32));
-            list.push(texels as u32);
-        }
         let mut difference = Difference::default();
-        let (mut next, mut open, mut from) = ([0usize; 2], [false; 2], 0u32);
-        while (from as usize) < texels {
-            let to = scratch[0][next[0]].min(scratch[1][next[1]]);
-            let length = (to - from) as usize;
+        for_each_interval([a, b], texels, scratch, |from, to, open| {
+            let length = to - from;
             (0..2).filter(|side| open[*side]).for_each(|side| difference.open[side] += length);
             difference.differing += if open[0] != open[1] { length } else { 0 };
-            for side in 0..2 {
-                // The list's last entry is the end of the sphere, not a transition.
-                if scratch[side][next[side]] == to && next[side] + 1 < scratch[side].len() {
-                    next[side] += 1;
-                    open[side] = !open[side];
-                }
-            }
-            from = to;
-        }
+        });
         difference
     }
 
@@ -46,6 +31,33 @@ impl Difference {
     pub fn is_leak(&self, texels: usize) -> bool {
         let open = self.open[0].max(self.open[1]);
         16 * open >= texels && 2 * self.differing > open
+    }
+}
+
+/// Calls `visit` with every interval `[from, to)` of Hilbert positions in which both points' bits are constant, and with the bits.
+pub fn for_each_interval(
+    points: [PointVisibility; 2],
+    texels: usize,
+    scratch: &mut [Vec<u32>; 2],
+    mut visit: impl FnMut(usize, usize, [bool; 2]),
+) {
+    for (list, point) in scratch.iter_mut().zip(points) {
+        list.clear();
+        point.for_each_transition(|position| list.push(position as u32));
+        list.push(texels as u32);
+    }
+    let (mut next, mut open, mut from) = ([0usize; 2], [false; 2], 0u32);
+    while (from as usize) < texels {
+        let to = scratch[0][next[0]].min(scratch[1][next[1]]);
+        visit(from as usize, to as usize, open);
+        for side in 0..2 {
+            // The list's last entry is the end of the sphere, not a transition.
+            if scratch[side][next[side]] == to && next[side] + 1 < scratch[side].len() {
+                next[side] += 1;
+                open[side] = !open[side];
+            }
+        }
+        from = to;
     }
 }
 

@@ -169,6 +169,26 @@ impl Occluders {
         self.close_covered(from, face_resolution, scratch, open);
     }
 
+    /// The same with 8×8 samples of every texel (`trace::samples`): a bit of `open` says that a sample of the texel is open; `parts` lists, by
+    /// number of texel (face·n² + y·n + x), the open samples of those texels of which some are not. Both are overwritten.
+    ///
+    /// # Panics
+    /// As `open_texels`.
+    pub fn open_samples(
+        &self,
+        from: &TraceOrigin,
+        face_resolution: usize,
+        scratch: &mut Scratch,
+        open: &mut [u64],
+        parts: &mut Vec<(u32, u64)>,
+    ) {
+        horizon::above_horizon(from.normal, face_resolution, open);
+        parts.clear();
+        for layer in 0..self.trees.len() {
+            self.close_samples_by(layer, 0..6, from, face_resolution, scratch, (open, parts));
+        }
+    }
+
     /// Clears the bits of `open` that an occluder covers; bits that are already 0 cost nothing. `from.normal` is not read.
     ///
     /// A texel's new bit depends only on its old one, so work can be cut by texels or by layers of occluders in any way.

@@ -1,0 +1,154 @@
+//! Candidates of an object: an edge length, and how far the borders of shadows are refined on top of it.
+//!
+//! ```text
+//! edge length   8, 4, 2, 1, ½ times what the object has without a budget; ¼, 1/8, 1/16 where the mesh is so fine that half of it still has
+//!               fewer points than the object has without a budget
+//! most unrest   none, 4, 1, ¼, 2⁻⁴, 2⁻⁶ of that edge length squared, m²·sr; edges are split down to 1/32 of it   (crate::refine::border)
+//! ```
+//!
+//! Price of a candidate: its points. Work of a bake, work of a frame and bytes are in proportion to them at one face resolution and one depth of bits.
+
+use super::around::refine_around;
+use super::measure::{Sums, measure_planned};
+use super::places::Places;
+use super::probes::Probes;
+use super::traced::Tracing;
+use crate::error::BakeError;
+use crate::plan::buried::BuriedProbe;
+use crate::plan::{ObjectPlan, PointParams, plan_object};
+use crate::refine::count_object;
+use crate::scene::Scene;
+use crate::scene::world::World;
+use crate::trace::Occluders;
+
+/// Places of an object at which a candidate is judged.
+pub const PLACES: usize = 160;
+/// Edge lengths, as shares of the one that the object would have without a budget.
+pub const LENGTHS: [f32; 8] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625];
+/// As many of them any object may be asked for.
+const FREE_LENGTHS: usize = 5;
+/// Unrest that borders keep, in units of that edge length squared.
+pub const BORDERS: [f32; 6] = [f32::INFINITY, 4.0, 1.0, 0.25, 1.0 / 16.0, 1.0 / 64.0];
+/// Shortest edge at a border, in units of that edge length.
+const FINEST: f32 = 1.0 / 32.0;
+/// A candidate is taken only if it stays below this share of the budget: places are few, and other suns throw their borders elsewhere.
+pub const MARGIN: f64 = 0.5;
+
+/// One candidate of an object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Candidate {
+    /// Index into [`LENGTHS`].
+    pub length: usize,
+    /// Index into [`BORDERS`].
+    pub border: usize,
+    /// Both, as a bake wants them.
+    pub params: PointParams,
+    /// Points that it is expected to have.
+    pub points: u64,
+    /// Error on the probes that steer.
+    pub predicted: f64,
+}
+
+impl Candidate {
+    /// Whether it meets a budget with the margin.
+    pub fn meets(&self, budget: f64) -> bool {
+        self.predicted <= MARGIN * budget
+    }
+}
+
+/// The parameters of a candidate. `own` are the object's without a budget.
+pub fn params(own: &PointParams, length: usize, border: usize) -> PointParams {
+    let at_length = PointParams { coarser: true, ..own.with_edge_length(own.edge_length * LENGTHS[length]) };
+    if BORDERS[border].is_infinite() {
+        return at_length;
+    }
+    let area_floor = at_length.area_floor.min(FINEST / LENGTHS[length]);
+    PointParams { area_floor, most_unrest: BORDERS[border] * own.edge_length * own.edge_length, ..at_length }
+}
+
+/// An object whose candidates are asked for: what they share is found once.
+pub struct Question<'a> {
+    scene: &'a Scene,
+    world: &'a World,
+    object: usize,
+    own: PointParams,
+    probes: &'a Probes,
+    places: Places,
+    tracing: Tracing<'a>,
+    /// Points without a budget.
+    own_points: u64,
+    /// `[length][with a border]`: the floor of edges differs, and with it what curved surfaces are split into.
+    plans: [[Option<ObjectPlan>; 2]; LENGTHS.len()],
+}
+
+impl<'a> Question<'a> {
+    /// `own` are the object's parameters without a budget.
+    ///
+    /// # Errors
+    /// An object that cannot be planned.
+    #[expect(clippy::too_many_arguments, reason = "a scene, what blocks light in it, an object and how it is judged")]
+    pub fn new(
+        scene: &'a Scene,
+        world: &'a World,
+        occluders: &'a Occluders,
+        solids: &'a BuriedProbe<'a>,
+        object: usize,
+        own: &PointParams,
+        probes: &'a Probes,
+        face_resolution: u32,
+    ) -> Result<Self, BakeError> {
+        let coarsest = plan_object(scene, world, object, &params(own, 0, 0))?;
+        let places = Places::new(&coarsest.base, world, occluders, solids, own.edge_length, probes, PLACES);
+        let tracing = Tracing::new(occluders, probes, solids, own.edge_length, face_resolution as usize);
+        let own_points = count_object(&coarsest.base, own, u64::MAX).points;
+        let plans = std::array::from_fn(|length| [(length == 0).then(|| coarsest.clone()), None]);
+        Ok(Question { scene, world, object, own: *own, probes, places, tracing, own_points, plans })
+    }
+
+    /// Whether a budget may ask for an edge length.
+    ///
+    /// # Errors
+    /// A candidate that cannot be planned.
+    pub fn allows(&mut self, length: usize) -> Result<bool, BakeError> {
+        if length < FREE_LENGTHS {
+            return Ok(true);
+        }
+        let own_points = self.own_points;
+        Ok((self.plan(length - 1, 0)?.n_points() as u64) < own_points)
+    }
+
+    /// Points of an edge length without borders, whether allowed or not, as far as refinement makes them.
+    pub fn counted(&self, length: usize) -> u64 {
+        let base = &self.plans[0][0].as_ref().expect("planned first").base;
+        count_object(base, &params(&self.own, length, 0), u64::MAX).points
+    }
+
+    fn plan(&mut self, length: usize, border: usize) -> Result<&ObjectPlan, BakeError> {
+        let slot = &mut self.plans[length][usize::from(border > 0)];
+        if slot.is_none() {
+            *slot = Some(plan_object(self.scene, self.world, self.object, &params(&self.own, length, border))?);
+        }
+        Ok(slot.as_ref().expect("just planned"))
+    }
+
+    /// The candidate at an edge length and a border.
+    ///
+    /// # Errors
+    /// A candidate that cannot be planned.
+    pub fn candidate(&mut self, length: usize, border: usize) -> Result<Candidate, BakeError> {
+        Ok(self.asked(length, border)?.0)
+    }
+
+    /// [`Question::candidate`] and its sums under each light.
+    ///
+    /// # Errors
+    /// As `candidate`.
+    pub fn asked(&mut self, length: usize, border: usize) -> Result<(Candidate, Sums), BakeError> {
+        let params = params(&self.own, length, border);
+        self.plan(length, border)?;
+        let plan = self.plans[length][usize::from(border > 0)].as_ref().expect("just planned");
+        let (near, points) = refine_around(plan, &params, &self.places, &self.tracing)?;
+        let sums = measure_planned(&near, &self.places, self.probes, &self.tracing);
+        Ok((Candidate { length, border, params, points, predicted: sums.relative_l2() }, sums))
+    }
+}
