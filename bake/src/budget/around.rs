@@ -85,8 +85,8 @@ fn parts(kept: &[usize], triangles: &[RefinedTriangle], leaves: &[RefinedTriangl
             let sides = [side(0), side(1), side(2)];
             sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0)
         };
-        let own = kept[first..].iter().take_while(|index| triangles[**index].base == leaf.base);
-        if let Some(parent) = own.into_iter().position(holds) {
+        let mut own = kept[first..].iter().take_while(|index| triangles[**index].base == leaf.base);
+        if let Some(parent) = own.position(holds) {
             parts[first + parent] += 1;
         }
     }

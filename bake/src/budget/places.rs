@@ -104,7 +104,7 @@ impl Places {
         Places { places: (0..n).filter_map(place).collect(), area }
     }
 
-    /// What the grid of directions itself loses: the true light at one place in [`GRID_STRIDE`] against that of [`EXACT_RESOLUTION`]² texels, as fine as
+    /// What the grid of directions itself loses: the true light at one place in twelve against that of [`EXACT_RESOLUTION`]² texels, as fine as
     /// the pixels of a map of 1,024 columns, with as many samples each. Zeros of lights that have no such texels.
     pub fn grid_error(&self, occluders: &Occluders, probes: &Probes) -> Sums {
         let n = probes.lights.len();

@@ -90,7 +90,7 @@ impl<'a> BuriedProbe<'a> {
         self.ask_from(plan.origin[i as usize], plan.geometric_normal[i as usize], local_edge(plan, i, edge_length), closest)
     }
 
-    /// The same of any place that sees nothing, with its geometric normal; `local_edge` in metres as [`local_edge`] has it.
+    /// The same of any place that sees nothing, with its geometric normal; `local_edge`: mean edge of its triangle, at most the bake's, metres.
     pub fn ask_from(&self, origin: [f32; 3], normal: [f32; 3], local_edge: f64, closest: &ClosestHit) -> Verdict {
         let limit = COINCIDENT * local_edge;
         let (t, b) = tangents(normal);
