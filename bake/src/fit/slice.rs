@@ -9,21 +9,37 @@
 //! μ, ln κ), all derivatives in closed form. Moments alone keep the energy but misplace heavy tails; the polish is worth up to a factor
 //! of two in error (GGX).
 //!
-//! Integrals use directions that follow the slice: golden-ratio lattices warped by lobes about `peak` at four widths and over the sphere, each
-//! weighed by the sum of all densities there; a second, finer set follows the lobe of the first one's moments. [`NODES`] directions in
-//! all replace the 20 thousand of a grid, which is where the speed comes from.
+//! Integrals use directions that follow the slice (`nodes`): golden-ratio lattices warped by lobes about `peak` at four widths and over the
+//! sphere; a second, finer set follows the lobe of the first one's moments. [`NODES`] directions in all replace the 20 thousand of a grid.
+//! Energies are taken where that is exact, and only their small rest by the directions:
+//!
+//! ```text
+//! albedo = Σ a_j + ∫ (f − Σ a_j γ_j) dω          lobe above the horizon = a_j H(μ_z, κ), in closed form but for one integral (`horizon`)
+//! ```
+//!
+//! Two lobes start from four splits; after `TRIAL_STEPS` steps the best one goes on alone.
 //!
 //! Lossy: one circular lobe cannot follow a highlight that is drawn out at grazing views (0.3 to 0.5 beyond 60° for Blinn–Phong 128), two
 //! halve that. Source: \[LD09\] Eq. 9; the estimator is ours.
 
-use prelight_runtime::sphere::vmf::{KAPPA_MAX, chord_squared, eval, kappa_from_spread, mean_cosine, square_to_vmf};
+mod horizon;
+mod nodes;
+
+use horizon::above;
+use nodes::{Nodes, density};
+use prelight_runtime::sphere::vmf::{KAPPA_MAX, chord_squared, kappa_from_spread, mean_cosine};
+use std::sync::LazyLock;
 
 /// Directions of the final set: along the lobe, twice as wide as it, and over the sphere.
 pub const NODES: [usize; 3] = [448, 192, 128];
 /// Widths of the search set about the given peak, and directions each.
 const SEARCH: [(f64, usize); 5] = [(0.0, 96), (4.0, 96), (40.0, 96), (600.0, 96), (20000.0, 96)];
+/// The search set about +z.
+static SEARCHED: LazyLock<Nodes> = LazyLock::new(|| Nodes::of_lobes(&SEARCH.map(|(kappa, n)| ([0.0, 0.0, 1.0], kappa, n))));
 /// Polishing steps at most.
 const MAX_STEPS: usize = 20;
+/// Steps of each of several starts, before all but the best are given up.
+const TRIAL_STEPS: usize = 5;
 /// A step that lowers the squared error by less than this share ends the polish.
 const LEAST_GAIN: f64 = 1e-5;
 /// Least κ of a lobe: below, it is as good as uniform.
@@ -45,7 +61,7 @@ pub struct SliceLobe {
 pub struct SliceFit {
     /// At most as many as were asked for.
     pub lobes: Vec<SliceLobe>,
-    /// ∫ f dω by the fit's own quadrature; within 0.3 % for smooth slices.
+    /// ∫ f dω by the fit's own quadrature.
     pub albedo: f64,
     /// Relative L2 error by the fit's own quadrature.
     pub relative_l2: f64,
@@ -60,44 +76,20 @@ pub enum Estimator {
     LeastSquares(usize),
 }
 
-struct Node {
-    s: [f64; 3],
-    /// Solid angle that the direction stands for.
-    measure: f64,
-    value: f64,
-}
-
-fn lattice(i: usize, n: usize) -> [f64; 2] {
-    let turn = i as f64 * 0.618_033_988_749_894_9;
-    [(i as f64 + 0.5) / n as f64, turn - turn.floor()]
-}
-
-/// Directions of several lobes together (κ 0 is the sphere), weighed by the sum of their densities.
-fn nodes(lobes: &[([f64; 3], f64, usize)], slice: &dyn Fn([f64; 3]) -> f64) -> Vec<Node> {
-    let mut nodes = Vec::with_capacity(lobes.iter().map(|l| l.2).sum());
-    for (mu, kappa, n) in lobes {
-        for i in 0..*n {
-            let s = square_to_vmf(*mu, *kappa, lattice(i, *n));
-            let density: f64 = lobes.iter().map(|(mu, kappa, n)| *n as f64 * eval(*mu, *kappa, s)).sum();
-            nodes.push(Node { s, measure: 1.0 / density, value: slice(s).max(0.0) });
-        }
-    }
-    nodes
-}
-
-fn moments(nodes: &[Node]) -> SliceLobe {
+fn moments(nodes: &Nodes) -> SliceLobe {
     let (mut mass, mut mean) = (0.0, [0.0; 3]);
-    for node in nodes {
-        let w = node.measure * node.value;
+    for (i, (measure, value)) in nodes.measure.iter().zip(&nodes.value).enumerate() {
+        let w = measure * value;
         mass += w;
-        (0..3).for_each(|k| mean[k] += w * node.s[k]);
+        (0..3).for_each(|k| mean[k] += w * nodes.s[k][i]);
     }
     if mass <= 0.0 {
         return SliceLobe { weight: 0.0, mu: [0.0, 0.0, 1.0], kappa: 0.0 };
     }
     let mean = mean.map(|c| c / mass);
     let r = (mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]).sqrt();
-    let spread = nodes.iter().map(|n| n.measure * n.value * chord_squared(n.s, mean)).sum::<f64>() / mass;
+    let apart = (0..nodes.len()).map(|i| nodes.value[i] * chord_squared(nodes.direction(i), mean));
+    let spread = nodes.integral(apart) / mass;
     let mu = if r > 1e-9 { mean.map(|c| c / r) } else { [0.0, 0.0, 1.0] };
     SliceLobe { weight: mass, mu, kappa: kappa_from_spread(spread / (1.0 + r)).min(KAPPA_MAX) }
 }
@@ -115,58 +107,51 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// Fits the slice `slice(s)` = f(v, s)·n·s (0 below the horizon, n = +z). `peak`: a direction near its largest value, such as the mirrored view.
 pub fn fit_slice(slice: &dyn Fn([f64; 3]) -> f64, peak: [f64; 3], estimator: Estimator) -> SliceFit {
-    let search: Vec<([f64; 3], f64, usize)> = SEARCH.iter().map(|(kappa, n)| (peak, *kappa, *n)).collect();
-    let rough = moments(&nodes(&search, slice));
+    let mut search = SEARCHED.turned(peak);
+    search.fill(slice);
+    let rough = moments(&search);
     let about = [(rough.mu, rough.kappa * 0.8, NODES[0]), (rough.mu, rough.kappa * 0.25, NODES[1]), (peak, 0.0, NODES[2])];
-    let nodes = nodes(&about, slice);
+    let mut nodes = Nodes::of_lobes(&about);
+    nodes.fill(slice);
     let first = moments(&nodes);
-    let albedo = first.weight;
-    let squared: f64 = nodes.iter().map(|n| n.measure * n.value * n.value).sum();
+    let squared = nodes.integral(nodes.value.iter().map(|f| f * f));
     if squared <= 0.0 {
-        return SliceFit { lobes: vec![first], albedo, relative_l2: 0.0 };
+        return SliceFit { lobes: vec![first], albedo: first.weight, relative_l2: 0.0 };
     }
-    let mut lobes = match estimator {
-        Estimator::Moments => vec![first],
-        Estimator::LeastSquares(1) => polish(vec![first], &nodes),
+    let mut polish = match estimator {
+        Estimator::Moments => Polish::new(vec![first], &nodes),
+        Estimator::LeastSquares(1) => Polish::new(vec![first], &nodes).run(MAX_STEPS),
         Estimator::LeastSquares(_) => {
-            let one = polish(vec![first], &nodes);
-            let starts = split(first, &nodes).into_iter().chain(split(one[0], &nodes));
-            let error = |lobes: &Vec<SliceLobe>| squared_error(lobes, &nodes);
-            let mut best = one;
-            for start in starts {
-                let polished = polish(start, &nodes);
-                if error(&polished) < error(&best) {
-                    best = polished;
-                }
-            }
-            best
+            let one = Polish::new(vec![first], &nodes).run(MAX_STEPS);
+            let starts = split(first, &nodes).into_iter().chain(split(one.lobes[0], &nodes));
+            let trials = starts.map(|start| Polish::new(start, &nodes).run(TRIAL_STEPS));
+            // Lobes that were left out may leave one that is worse than the best single one.
+            let best = trials.min_by(|a, b| a.error.total_cmp(&b.error)).map(|best| best.run(MAX_STEPS));
+            best.filter(|two| two.error < one.error).unwrap_or(one)
         }
     };
-    // The moments hold the energy of the whole lobe already; least squares hold neither.
-    if estimator != Estimator::Moments {
-        let above: f64 = nodes.iter().filter(|n| n.s[2] > 0.0).map(|n| n.measure * value(&lobes, n.s)).sum();
-        if above > 0.0 {
-            lobes.iter_mut().for_each(|lobe| lobe.weight *= albedo / above);
-        }
+    // The slice's energy is the lobes' and what the directions find beside them.
+    let rest = product(&polish.rest, &nodes.root);
+    let albedo = polish.lobes.iter().map(|lobe| lobe.weight).sum::<f64>() + rest;
+    let held: f64 = match estimator {
+        // Moments are those of the whole lobe.
+        Estimator::Moments => polish.lobes.iter().map(|lobe| lobe.weight).sum(),
+        Estimator::LeastSquares(_) => polish.lobes.iter().map(|lobe| lobe.weight * above(lobe.mu[2], lobe.kappa)).sum(),
+    };
+    if held > 0.0 && albedo > 0.0 {
+        polish.lobes.iter_mut().for_each(|lobe| lobe.weight *= albedo / held);
+        polish.evaluate();
     }
-    let relative_l2 = (squared_error(&lobes, &nodes) / squared).sqrt();
-    SliceFit { lobes, albedo, relative_l2 }
-}
-
-fn value(lobes: &[SliceLobe], s: [f64; 3]) -> f64 {
-    lobes.iter().map(|lobe| lobe.weight * eval(lobe.mu, lobe.kappa, s)).sum()
-}
-
-fn squared_error(lobes: &[SliceLobe], nodes: &[Node]) -> f64 {
-    nodes.iter().map(|n| n.measure * (n.value - value(lobes, n.s)).powi(2)).sum()
+    SliceFit { lobes: polish.lobes, albedo, relative_l2: (polish.error / squared).sqrt() }
 }
 
 /// Two pairs of lobes about one: side by side along the slice's widest direction, and a narrow one in a wide one.
-fn split(lobe: SliceLobe, nodes: &[Node]) -> Vec<Vec<SliceLobe>> {
+fn split(lobe: SliceLobe, nodes: &Nodes) -> Vec<Vec<SliceLobe>> {
     let axes = tangents(lobe.mu);
     let (mut xx, mut xy, mut yy, mut mass) = (0.0, 0.0, 0.0, 0.0);
-    for node in nodes {
-        let (x, y, w) = (dot(node.s, axes[0]), dot(node.s, axes[1]), node.measure * node.value);
+    for i in 0..nodes.len() {
+        let s = nodes.direction(i);
+        let (x, y, w) = (dot(s, axes[0]), dot(s, axes[1]), nodes.measure[i] * nodes.value[i]);
         xx += w * x * x;
         xy += w * x * y;
         yy += w * y * y;
@@ -187,60 +172,109 @@ fn split(lobe: SliceLobe, nodes: &[Node]) -> Vec<Vec<SliceLobe>> {
     vec![vec![moved(1.0, 0.5), moved(-1.0, 0.5)], vec![inside(3.0), inside(0.4)]]
 }
 
-/// Damped Gauss–Newton; a lobe whose weight would be negative is left out.
-fn polish(start: Vec<SliceLobe>, nodes: &[Node]) -> Vec<SliceLobe> {
-    let mut lobes = start;
-    let mut error = squared_error(&lobes, nodes);
-    let mut damping = 1e-3;
-    for _ in 0..MAX_STEPS {
-        let n = 4 * lobes.len();
-        let frames: Vec<[[f64; 3]; 2]> = lobes.iter().map(|lobe| tangents(lobe.mu)).collect();
-        let cosines: Vec<f64> = lobes.iter().map(|lobe| 1.0 - mean_cosine(lobe.kappa)).collect();
-        let mut normal = [[0.0f64; 8]; 8];
-        let mut right = [0.0f64; 8];
-        for node in nodes {
-            let mut row = [0.0f64; 8];
-            let mut rest = node.value;
-            for (j, lobe) in lobes.iter().enumerate() {
-                let gamma = eval(lobe.mu, lobe.kappa, node.s);
-                let weighted = lobe.weight * gamma;
-                rest -= weighted;
-                row[4 * j] = gamma;
-                row[4 * j + 1] = weighted * lobe.kappa * dot(node.s, frames[j][0]);
-                row[4 * j + 2] = weighted * lobe.kappa * dot(node.s, frames[j][1]);
-                // ∂ ln γ / ∂ ln κ = κ (μ·s − A(κ)), both taken from 1.
-                row[4 * j + 3] = weighted * lobe.kappa * (cosines[j] - 0.5 * chord_squared(lobe.mu, node.s));
-            }
-            for a in 0..n {
-                right[a] += node.measure * row[a] * rest;
-                for b in 0..=a {
-                    normal[a][b] += node.measure * row[a] * row[b];
-                }
+/// Damped Gauss–Newton from one start.
+struct Polish<'a> {
+    nodes: &'a Nodes,
+    lobes: Vec<SliceLobe>,
+    /// `[lobes][directions]` √measure · γ
+    gamma: Vec<Vec<f64>>,
+    /// `[directions]` √measure · (slice − lobes)
+    rest: Vec<f64>,
+    /// Squared error.
+    error: f64,
+    damping: f64,
+    is_done: bool,
+}
+
+impl<'a> Polish<'a> {
+    fn new(lobes: Vec<SliceLobe>, nodes: &'a Nodes) -> Self {
+        let mut start = Polish { nodes, lobes, gamma: Vec::new(), rest: Vec::new(), error: 0.0, damping: 1e-3, is_done: false };
+        start.evaluate();
+        start
+    }
+
+    /// What follows from the lobes.
+    fn evaluate(&mut self) {
+        let nodes = self.nodes;
+        self.rest.clear();
+        self.rest.extend(nodes.value.iter().zip(&nodes.root).map(|(value, root)| value * root));
+        self.gamma.resize(self.lobes.len(), Vec::new());
+        for (lobe, gamma) in self.lobes.iter().zip(&mut self.gamma) {
+            density(&nodes.s, lobe.mu, lobe.kappa, gamma);
+            for ((gamma, root), rest) in gamma.iter_mut().zip(&nodes.root).zip(&mut self.rest) {
+                *gamma *= root;
+                *rest -= lobe.weight * *gamma;
             }
         }
-        let mut accepted = false;
-        while damping < 1e6 {
-            let Some(step) = solve(&normal, &right, n, damping) else {
-                damping *= 10.0;
-                continue;
-            };
-            let next: Vec<SliceLobe> =
-                lobes.iter().enumerate().map(|(j, lobe)| stepped(lobe, &frames[j], &step[4 * j..4 * j + 4])).collect();
-            let next_error = squared_error(&next, nodes);
-            if next_error < error {
-                let gain = 1.0 - next_error / error;
-                (lobes, error, accepted) = (next, next_error, gain > LEAST_GAIN);
-                damping = (damping * 0.1).max(1e-9);
+        self.error = product(&self.rest, &self.rest);
+    }
+
+    /// At most so many steps more; a lobe whose weight would be negative is left out.
+    fn run(mut self, steps: usize) -> Self {
+        for _ in 0..steps {
+            if self.is_done {
                 break;
             }
-            damping *= 10.0;
+            self.step();
         }
-        if !accepted {
-            break;
+        if self.lobes.iter().any(|lobe| lobe.weight <= 0.0) {
+            self.lobes.retain(|lobe| lobe.weight > 0.0);
+            self.evaluate();
         }
+        self
     }
-    lobes.retain(|lobe| lobe.weight > 0.0);
-    lobes
+
+    fn step(&mut self) {
+        let n = 4 * self.lobes.len();
+        let frames: Vec<[[f64; 3]; 2]> = self.lobes.iter().map(|lobe| tangents(lobe.mu)).collect();
+        // `[parameters][directions]`
+        let mut rows: Vec<Vec<f64>> = Vec::with_capacity(n);
+        for ((lobe, gamma), frame) in self.lobes.iter().zip(&self.gamma).zip(&frames) {
+            let [x, y, z] = &self.nodes.s;
+            let along = |axis: [f64; 3]| -> Vec<f64> {
+                let axis = axis.map(|c| c * lobe.weight * lobe.kappa);
+                let height = x.iter().zip(y).zip(z).map(|((x, y), z)| axis[0] * x + axis[1] * y + axis[2] * z);
+                height.zip(gamma).map(|(height, gamma)| height * gamma).collect()
+            };
+            // ∂ ln γ / ∂ ln κ = κ (μ·s − A(κ)), both taken from 1.
+            let (outside, factor) = (1.0 - mean_cosine(lobe.kappa), lobe.weight * lobe.kappa);
+            let spread = x.iter().zip(y).zip(z).map(|((x, y), z)| outside - 0.5 * chord_squared(lobe.mu, [*x, *y, *z]));
+            rows.extend([gamma.clone(), along(frame[0]), along(frame[1])]);
+            rows.push(spread.zip(gamma).map(|(spread, gamma)| factor * spread * gamma).collect());
+        }
+        let mut normal = [[0.0f64; 8]; 8];
+        let mut right = [0.0f64; 8];
+        for a in 0..n {
+            right[a] = product(&rows[a], &self.rest);
+            (0..=a).for_each(|b| normal[a][b] = product(&rows[a], &rows[b]));
+        }
+        let (before, error) = (self.lobes.clone(), self.error);
+        self.is_done = true;
+        while self.damping < 1e6 {
+            if let Some(step) = solve(&normal, &right, n, self.damping) {
+                self.lobes = (before.iter().enumerate()).map(|(j, lobe)| stepped(lobe, &frames[j], &step[4 * j..4 * j + 4])).collect();
+                self.evaluate();
+                if self.error < error {
+                    self.is_done = 1.0 - self.error / error <= LEAST_GAIN;
+                    self.damping = (self.damping * 0.1).max(1e-9);
+                    return;
+                }
+            }
+            self.damping *= 10.0;
+        }
+        self.lobes = before;
+        self.evaluate();
+    }
+}
+
+/// Σ a b, in four sums so that it need not wait for itself.
+fn product(a: &[f64], b: &[f64]) -> f64 {
+    let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
+    let mut sums = [0.0f64; 4];
+    for (a, b) in a.iter().zip(b) {
+        (0..4).for_each(|k| sums[k] += a[k] * b[k]);
+    }
+    sums.iter().sum::<f64>() + rest_a.iter().zip(rest_b).map(|(a, b)| a * b).sum::<f64>()
 }
 
 fn stepped(lobe: &SliceLobe, frame: &[[f64; 3]; 2], step: &[f64]) -> SliceLobe {

@@ -1,6 +1,7 @@
 //! Slices in closed form, and the errors that a fine grid finds.
 
 use super::*;
+use prelight_runtime::sphere::vmf::eval;
 use std::f64::consts::PI;
 
 /// Blinn–Phong times cosine with the normalisation that keeps the albedo at most 1, seen at `degrees` from the normal.
@@ -17,6 +18,10 @@ fn blinn_phong(exponent: f64, degrees: f64) -> (impl Fn([f64; 3]) -> f64, [f64; 
         norm * libm::pow(h[2] / length, exponent) * s[2]
     };
     (slice, [-v[0], 0.0, v[2]])
+}
+
+fn value(lobes: &[SliceLobe], s: [f64; 3]) -> f64 {
+    lobes.iter().map(|lobe| lobe.weight * eval(lobe.mu, lobe.kappa, s)).sum()
 }
 
 /// Relative L2 error, albedo, and the lobes' energy above the horizon, on a grid of 400 × 400.
