@@ -129,6 +129,6 @@ fn a_preview_does_not_wait_for_light_over_other_surfaces() {
         seen = true;
         ControlFlow::Break(())
     };
-    bake_with_previews(&scene, &world, &counts, &options, &store, &Silent, Some(&mut first)).unwrap_err();
+    bake_with_previews(&scene, &world, Some(&counts), &options, &store, &Silent, Some(&mut first)).unwrap_err();
     assert!(seen);
 }
