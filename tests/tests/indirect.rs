@@ -23,9 +23,10 @@ use prelight_tests::{bake_into, cuboid, options, quad, scene, sphere};
 
 const TRANSFER: TransferOptions = TransferOptions {
     views: ViewOptions { start: 1, max: 3, budget: 0.15, floor: 0.02 },
-    mesh: MeshOptions { budget: f64::INFINITY, floor: 0.02 },
+    mesh: MeshOptions { budget: f64::INFINITY, predicted: f64::INFINITY, floor: 0.02 },
     thin: 0.05,
     most_paths: 2048,
+    eyes: Vec::new(),
 };
 
 fn with_transfer(scene: &Scene, edge_length: f32) -> BakeOptions {

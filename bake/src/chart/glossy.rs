@@ -15,7 +15,7 @@
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::mesh::NO_POINT;
 use prelight_runtime::draw::camera::{Camera, CameraRays};
-use prelight_runtime::sphere::icosahedron::MAX_LEVEL;
+use prelight_runtime::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -26,6 +26,8 @@ pub struct LobeSizes {
     pub points: u64,
     /// Those with slices on each level of the icosahedron; the last count is of points without.
     pub levels: Vec<u64>,
+    /// Directions of view that points have slices for, kept or left to their neighbours.
+    pub directions: u64,
     /// Lobes stored.
     pub lobes: u64,
     /// Plain bytes of the transfer chunks.
@@ -45,6 +47,10 @@ pub struct GlossyRow {
     pub relative_l2: Option<f64>,
     /// Free of the reference's noise, where that can be told.
     pub unbiased_relative_l2: Option<f64>,
+    /// Of indirect light alone: picture less direct picture, against paths less direct paths; free of their noise.
+    pub indirect_relative_l2: Option<f64>,
+    /// L2 of indirect light over that of the whole, in the references.
+    pub indirect_share: Option<f64>,
     /// With indirect light.
     pub psnr_db: Option<f64>,
     /// Seconds of a frame.
@@ -53,6 +59,7 @@ pub struct GlossyRow {
 
 /// Counts the lobes of an asset.
 pub fn lobe_sizes(asset: &Asset) -> LobeSizes {
+    let solid = Icosahedron::new(MAX_LEVEL);
     let mut sizes = LobeSizes { points: asset.n_points() as u64, levels: vec![0; MAX_LEVEL + 2], ..LobeSizes::default() };
     for patch in &asset.patches {
         let Some(transfer) = patch.transfer() else {
@@ -62,6 +69,7 @@ pub fn lobe_sizes(asset: &Asset) -> LobeSizes {
         for i in 0..transfer.len() {
             let point = transfer.point(i);
             sizes.levels[point.level.unwrap_or(MAX_LEVEL + 1)] += 1;
+            sizes.directions += point.level.map_or(0, |level| solid.stored(level).len() as u64);
             sizes.lobes += point.n_records() as u64;
         }
     }
@@ -165,25 +173,28 @@ fn svg(shapes: &[Shape], [width, height]: [usize; 2], fill: &dyn Fn(usize) -> &'
     out + "</g>\n</svg>\n"
 }
 
-/// The tables as text. `first`: points before refinement; `seconds`: of the bake.
-pub fn glossy_text(sizes: &LobeSizes, first: u64, seconds: f64, rows: &[GlossyRow]) -> String {
+/// The tables as text. `first`: points before refinement; Seconds: of the bake, by the clock and of all processors.
+pub fn glossy_text(sizes: &LobeSizes, first: u64, [seconds, cpu_seconds]: [f64; 2], rows: &[GlossyRow]) -> String {
     let per_point = sizes.bytes as f64 / sizes.points.max(1) as f64;
     let mut text = String::from("[LD09]: exact direct light, and lobes for what other surfaces send.\n\n");
-    let _ = writeln!(text, "points {first} to {}, bake {seconds:.1} s", sizes.points);
+    let _ = writeln!(text, "points {first} to {}, bake {seconds:.1} s, {cpu_seconds:.1} s of processors", sizes.points);
     let _ = writeln!(text, "lobes {}, {:.1} MB, {per_point:.0} bytes a point", sizes.lobes, sizes.bytes as f64 / 1e6);
     let _ = writeln!(text, "points with views on level 0 to {MAX_LEVEL}, and without slices: {:?}\n", sizes.levels);
-    let _ = writeln!(text, "{:<20} {:<10} | direct only   with lobes   less noise |   PSNR |    fps", "environment", "view");
+    let _ =
+        writeln!(text, "{:<20} {:<10} | direct only   with lobes   less noise | indirect   share |   PSNR |    fps", "environment", "view");
     for row in rows {
         let figure = |value: Option<f64>| value.map_or("-".to_string(), |value| format!("{value:.4}"));
         let psnr = row.psnr_db.map_or("-".to_string(), |psnr| format!("{psnr:.2}"));
         let _ = writeln!(
             text,
-            "{:<20} {:<10} | {:>11} {:>12} {:>12} | {psnr:>6} | {:>6.1}",
+            "{:<20} {:<10} | {:>11} {:>12} {:>12} | {:>8} {:>7} | {psnr:>6} | {:>6.1}",
             row.environment,
             row.view,
             figure(row.direct_relative_l2),
             figure(row.relative_l2),
             figure(row.unbiased_relative_l2),
+            figure(row.indirect_relative_l2),
+            figure(row.indirect_share),
             1.0 / row.frame_seconds.max(1e-9)
         );
     }

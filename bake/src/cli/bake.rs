@@ -241,7 +241,11 @@ fn summary(baked: &Baked, loaded: &Loaded, asset: &Path, store: &Path, read_seco
             .set("transfer.slices", transfer.slices)
             .set("transfer.lobes", transfer.lobes)
             .set("transfer.levels", transfer.levels.to_vec())
-            .set("transfer.noise_limited", transfer.noise_limited);
+            .set("transfer.noise_limited", transfer.noise_limited)
+            .set("transfer.samples_per_slice", transfer.samples_per_slice());
+        if let Some(options) = loaded.settings.options.transfer.iter().flatten().next() {
+            summary.set("transfer.slice_threshold", options.views.budget).set("transfer.edge_threshold", options.mesh.budget);
+        }
     }
     for (stage, seconds) in &stats.seconds {
         summary.set(&format!("seconds.{stage}"), *seconds);

@@ -1,8 +1,9 @@
 //! `prelight chart`: techniques against one another on a scene, as CSV, SVG and a page. Stops and resumes cell by cell.
 
 use super::args::{BakeKnobs, SceneArgs};
-use super::bake::{RebakeArgs, bake_file};
+use super::bake::{RebakeArgs, bake_file, bake_loaded};
 use super::chart_cells::{Chart, ChartLight};
+use super::loaded::Loaded;
 use super::opened::{no_environment, open_asset, open_environment, short_name};
 use super::output::write_atomically;
 use super::reporter::clock;
@@ -16,7 +17,7 @@ use prelight_bake::chart::picture::PictureView;
 use prelight_bake::chart::prepared::Tables;
 use prelight_bake::chart::row::to_csv;
 use prelight_bake::chart::views::{ChartView, views};
-use prelight_bake::chart::{Motion, Row, Technique, measure};
+use prelight_bake::chart::{Motion, Row, Technique, measure, process_seconds};
 use prelight_bake::progress::check;
 use prelight_bake::scene::input::SceneInput;
 use prelight_runtime::asset::Asset;
@@ -61,6 +62,12 @@ pub struct ChartArgs {
     /// Also uniform meshes of these edge lengths in metres, and how many points one of equal error needs; for --paper ld09
     #[arg(long, value_name = "M,M,...", value_delimiter = ',', value_parser = super::args::positive, requires = "paper")]
     pub uniform: Vec<f32>,
+    /// Cut whole triangles in four where lobes differ, as the paper did, in the place of edges in two; for --paper ld09
+    #[arg(long, requires = "paper")]
+    pub quarters: bool,
+    /// Also a bake that keeps every slice, and what leaving slices out adds to the error; for --paper ld09
+    #[arg(long, requires = "paper")]
+    pub dense: bool,
     /// Compare with the chart.csv of an older chart; end with 4 where something got slower, larger or less accurate
     #[arg(long, value_name = "CSV", conflicts_with = "paper")]
     pub against: Option<PathBuf>,
@@ -114,8 +121,15 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
     }
     let asset_path = args.output.join("scene.prelight.json");
     let was_empty = !context.store.clone().unwrap_or_else(|| super::bake::default_store(&asset_path)).exists();
-    let baked = bake_file(&args.scene.scene, Some(asset_path.clone()), &args.knobs, &RebakeArgs::default(), context)?;
-    let bake_seconds = bake_seconds(&args.output, &baked, was_empty, context)?;
+    let before = process_seconds();
+    let baked = if args.quarters {
+        let mut loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
+        loaded.settings.options.points.iter_mut().for_each(|params| params.quarters = true);
+        bake_loaded(&loaded, Some(asset_path.clone()), false, start, context)?
+    } else {
+        bake_file(&args.scene.scene, Some(asset_path.clone()), &args.knobs, &RebakeArgs::default(), context)?
+    };
+    let [bake_seconds, bake_cpu_seconds] = bake_seconds(&args.output, &baked, process_seconds() - before, was_empty, context)?;
     let asset = open_asset(&asset_path, context)?;
     let lights = lights(names, &asset, context)?;
     let (width, height) = args.size;
@@ -125,7 +139,7 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
         return paper(&args, &asset, &lights, &views, context);
     }
     if args.paper == Some(Paper::Ld09) {
-        return super::chart_ld09::ld09(&args, &asset, &lights, &views, (&baked, bake_seconds), context);
+        return super::chart_ld09::ld09(&args, &asset, &lights, &views, (&baked, [bake_seconds, bake_cpu_seconds]), context);
     }
     let rasterised =
         (views.iter()).map(|view| PictureView::new(&asset, &view.camera, size, args.samples as usize)).collect::<Result<Vec<_>, _>>()?;
@@ -233,21 +247,23 @@ fn paper(args: &ChartArgs, asset: &Asset, lights: &[ChartLight], views: &[ChartV
     Ok(summary)
 }
 
-/// Wall time of the bake of this asset: what the run that made it kept, else this run's. `was_empty`: nothing could be reused.
-fn bake_seconds(folder: &Path, baked: &Summary, was_empty: bool, context: &Context) -> Result<f64, Failure> {
+/// Wall and processor time of the bake of this asset: what the run that made it kept, else this run's. `was_empty`: nothing could be reused.
+fn bake_seconds(folder: &Path, baked: &Summary, cpu_seconds: f64, was_empty: bool, context: &Context) -> Result<[f64; 2], Failure> {
     let path = folder.join("bake.json");
     let digest = baked.get("asset_digest").cloned().unwrap_or_default();
     let kept = std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
-    if let Some(seconds) = kept.filter(|kept| kept["asset_digest"] == digest).and_then(|kept| kept["seconds"].as_f64()) {
-        return Ok(seconds);
+    if let Some(kept) = kept.filter(|kept| kept["asset_digest"] == digest)
+        && let Some(seconds) = kept["seconds"].as_f64()
+    {
+        return Ok([seconds, kept["cpu_seconds"].as_f64().unwrap_or(seconds)]);
     }
     if !was_empty {
         context.progress().warning("part of the bake may have been there before: its time is of the rest only");
     }
     let seconds = baked.get("seconds.total").and_then(Value::as_f64).unwrap_or(0.0);
-    let kept = serde_json::json!({ "asset_digest": digest, "seconds": seconds });
+    let kept = serde_json::json!({ "asset_digest": digest, "seconds": seconds, "cpu_seconds": cpu_seconds });
     write_atomically(&path, |out| out.write_all(kept.to_string().as_bytes()))?;
-    Ok(seconds)
+    Ok([seconds, cpu_seconds])
 }
 
 fn lights(names: Vec<String>, asset: &Asset, context: &Context) -> Result<Vec<ChartLight>, Failure> {

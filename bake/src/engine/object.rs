@@ -219,11 +219,12 @@ pub fn object_keys(
 /// Covers what points come from, and what blocks them: nothing of a material but its opacity, its sides, and what cuts vertices.
 fn light_key(scene: &Scene, world: &World, pieces: &Pieces, options: &BakeOptions, object: usize) -> Digest {
     // Named one by one: a new knob must find its way into the key.
-    let PointParams { edge_length, normal_angle_deg, area_floor, max_level, coarser, most_unrest, max_triangles } = options.points[object];
+    let PointParams { edge_length, normal_angle_deg, area_floor, max_level, coarser, quarters, most_unrest, max_triangles } =
+        options.points[object];
     let source = &scene.objects[object];
     let mut hasher = Hasher::new("prelight object light");
     let shades = options.visibility.steps().unwrap_or(0);
-    hasher.words(&[options.face_resolution, shades, max_level, max_triangles, u32::from(coarser), PATCH_ORDER]);
+    hasher.words(&[options.face_resolution, shades, max_level, max_triangles, u32::from(coarser) | u32::from(quarters) << 1, PATCH_ORDER]);
     hasher.floats(&[edge_length, normal_angle_deg, area_floor, most_unrest]);
     source.world_from_local.iter().for_each(|value| hasher.bytes(&value.to_le_bytes()));
     // Materials by the order in which they come: which primitives share one, not which one it is.

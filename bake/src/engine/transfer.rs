@@ -13,7 +13,7 @@ use crate::error::BakeError;
 use crate::plan::surface::ObjectSurfaces;
 use crate::plan::{ObjectPlan, Patch};
 use crate::progress::{Progress, Stage, check};
-use crate::refine::mesh::{End, is_coarse};
+use crate::refine::mesh::{End, Made, is_coarse};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::seal::base_chunk;
@@ -21,6 +21,7 @@ use crate::trace::Occluders;
 use crate::trace::path::PathTracer;
 use crate::vmf_transfer::transfer::{PointWork, TransferOptions, bake_point};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype, version};
+use prelight_runtime::asset::mesh::NO_POINT;
 use prelight_runtime::asset::points::BURIED;
 use prelight_runtime::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use prelight_runtime::surface::detail::{Detail, fill_details, has_detail, point_lobe};
@@ -30,7 +31,7 @@ use prelight_store::{Chunk, ChunkSource, Record, Store};
 use rayon::prelude::*;
 
 /// Version of what decides bits here, besides [`version::ALGORITHM_VERSION`].
-const TRANSFER_VERSION: u32 = 2;
+const TRANSFER_VERSION: u32 = 4;
 /// Turns all random numbers of paths and fits.
 const SEED: u64 = 0x6c64_3039;
 
@@ -47,6 +48,8 @@ pub struct TransferStats {
     pub noise_limited: u64,
     /// Points that light reaches over other surfaces.
     pub lit_points: u64,
+    /// Effective samples of a slice, the median of each point that has any, summed over those.
+    pub effective_samples: u64,
     /// Points with slices on each level.
     pub levels: [u64; MAX_LEVEL + 1],
     /// Lobes stored.
@@ -56,6 +59,12 @@ pub struct TransferStats {
 }
 
 impl TransferStats {
+    /// Effective samples of a slice: the mean over points with slices of their medians.
+    pub fn samples_per_slice(&self) -> Option<f64> {
+        let points: u64 = self.levels.iter().sum();
+        (points > 0).then(|| self.effective_samples as f64 / points as f64)
+    }
+
     /// Adds the counts of another run.
     pub fn add(&mut self, other: &TransferStats) {
         self.patches_traced += other.patches_traced;
@@ -63,6 +72,7 @@ impl TransferStats {
         self.slices += other.slices;
         self.noise_limited += other.noise_limited;
         self.lit_points += other.lit_points;
+        self.effective_samples += other.effective_samples;
         self.lobes += other.lobes;
         self.levels.iter_mut().zip(other.levels).for_each(|(sum, level)| *sum += level);
         self.bytes_stored += other.bytes_stored;
@@ -185,7 +195,16 @@ impl<'a> TransferBaker<'a> {
                 let local = (point - first[patch]) as usize;
                 End { transfer: transfers[patch].point(local), normal: normal[point as usize], noise: patches[patch].noise[local] }
             };
-            is_coarse(&self.solid, &end(a), &end(b), &options.mesh)
+            let made = |point: u32| {
+                let source = plan.source[point as usize];
+                let side = if plan.front[source as usize] == point { &plan.front } else { &plan.back };
+                let parents = plan.refined.parents[source as usize];
+                // Where a bake is coarser than its mesh, one of them may not be baked.
+                let baked = parents.map(|parent| side[parent as usize]).into_iter().all(|parent| parent != NO_POINT);
+                let parents = (parents[0] != source && baked).then(|| parents.map(|parent| end(side[parent as usize])));
+                Made { end: end(point), parents }
+            };
+            is_coarse(&self.solid, &made(a), &made(b), &options.mesh)
         }
     }
 
@@ -232,6 +251,7 @@ impl<'a> TransferBaker<'a> {
             stats.lit_points += u64::from(!own.irradiance.is_empty());
             if let Some(level) = own.view().level {
                 stats.levels[level] += 1;
+                stats.effective_samples += work.samples.round() as u64;
             }
             points.push(own);
             noise.push(work.noise);
@@ -275,6 +295,8 @@ impl<'a> TransferBaker<'a> {
         for word in steps.into_iter().chain([views.budget, views.floor, options.thin].map(f64::to_bits)) {
             hasher.update(&word.to_le_bytes());
         }
+        hasher.update(&(options.eyes.len() as u64).to_le_bytes());
+        floats(&mut hasher, options.eyes.as_flattened());
         hasher.update(&patch.n_points.to_le_bytes());
         for i in patch.range() {
             let from = plan.trace_origin(i);

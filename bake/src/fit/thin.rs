@@ -13,8 +13,19 @@ use prelight_runtime::vmf_transfer::transfer::{PointRecords, SLICE_LOBES, Transf
 
 /// Chooses what to keep of `slices`, `[stored corners of the level][slot]`, and encodes it. `tolerance`: L2 norm, sr^-½.
 pub fn thin_slices(solid: &Icosahedron, level: usize, slices: &[[TransferLobe; SLICE_LOBES]], tolerance: f64) -> PointRecords {
+    thin_wanted(solid, level, slices, tolerance, &vec![true; slices.len()])
+}
+
+/// The same where some corners are never read: `wanted`, in the order of `slices`. Nothing is kept for the others.
+pub fn thin_wanted(
+    solid: &Icosahedron,
+    level: usize,
+    slices: &[[TransferLobe; SLICE_LOBES]],
+    tolerance: f64,
+    wanted: &[bool],
+) -> PointRecords {
     let stored = solid.stored(level);
-    assert_eq!(slices.len(), stored.len(), "a slice for each stored corner");
+    assert_eq!([slices.len(), wanted.len()], [stored.len(); 2], "a slice for each stored corner");
     let mut point = PointRecords { level: level as u32, kept: vec![0; n_words(solid, level)], ..PointRecords::DARK };
     let mut read: Vec<[TransferLobe; SLICE_LOBES]> = Vec::with_capacity(stored.len());
     for (place, (corner, own)) in stored.iter().zip(slices).enumerate() {
@@ -24,7 +35,7 @@ pub fn thin_slices(solid: &Icosahedron, level: usize, slices: &[[TransferLobe; S
                 let [a, b] = pair.map(|place| place.map_or(TransferLobe::default(), |place| read[place][slot]));
                 middle(&a, &b)
             });
-            if predicted.lobe.distance(&own[slot].lobe) <= tolerance {
+            if !wanted[place] || predicted.lobe.distance(&own[slot].lobe) <= tolerance {
                 return predicted;
             }
             let record = encode(&own[slot]);

@@ -1,10 +1,12 @@
 //! Where lobes of transfer could break: hardly any paths, thin things between points, noise, light from one texel only.
+//!
+//! With PRELIGHT_LONG set every one of them runs over many more places, widths and texels, which `.ci/long lobes` does.
 
 use crate::fit::mixture::uniform;
 use crate::fit::thin::thin_slices;
 use crate::plan::test_scenes::{IDENTITY, add, cuboid, quad, scene};
 use crate::refine::angular::{ViewOptions, refine_views};
-use crate::refine::mesh::{End, MeshOptions, is_coarse};
+use crate::refine::mesh::{End, Made, MeshOptions, is_coarse};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::path::{PathSet, PathTracer};
@@ -24,10 +26,16 @@ use std::f32::consts::PI;
 
 const OPTIONS: TransferOptions = TransferOptions {
     views: ViewOptions { start: 1, max: 3, budget: 0.1, floor: 0.02 },
-    mesh: MeshOptions { budget: 0.5, floor: 0.02 },
+    mesh: MeshOptions { budget: 0.5, predicted: 0.1, floor: 0.02 },
     thin: 0.0,
     most_paths: 1 << 14,
+    eyes: Vec::new(),
 };
+
+/// How many: few for every change, many by hand.
+fn number(few: usize, many: usize) -> usize {
+    if std::env::var_os("PRELIGHT_LONG").is_some() { many } else { few }
+}
 
 fn at(x: f32) -> TraceOrigin<'static> {
     TraceOrigin { origin: [x, 1e-3, 0.0], normal: [0.0, 1.0, 0.0], base_triangles: &[0, 1] }
@@ -71,8 +79,9 @@ fn one_two_or_three_paths_give_finite_lobes_of_the_right_energy() {
     with_tracer(&valley(), |tracer| {
         let mut n_lit = 0;
         for most_paths in [1, 2, 3] {
-            for step in 0..40 {
-                let from = at(0.45 - 0.02 * step as f32);
+            let steps = number(40, 2000);
+            for step in 0..steps {
+                let from = at(0.45 - 0.8 * step as f32 / steps as f32);
                 let options = TransferOptions { most_paths, ..OPTIONS };
                 let (point, work) = bake_point(tracer, &solid, &from, &receiver(0.3), &options, 1);
                 let mut paths = PathSet::default();
@@ -96,7 +105,7 @@ fn one_two_or_three_paths_give_finite_lobes_of_the_right_energy() {
                 n_lit += usize::from(!point.irradiance.is_empty());
             }
         }
-        assert!(n_lit > 20, "{n_lit}: most of what is asked must be lit");
+        assert!(n_lit > number(20, 1000), "{n_lit}: most of what is asked must be lit");
     });
 }
 
@@ -106,14 +115,20 @@ fn a_thin_plate_between_two_points_splits_their_edge() {
     let coarse = |with_plate: bool, [a, b]: [f32; 2]| {
         with_tracer(&street(0.15, with_plate), |tracer| {
             let baked = [a, b].map(|x| bake_point(tracer, &solid, &at(x), &receiver(0.5), &OPTIONS, 1));
-            let end = |i: usize| End { transfer: baked[i].0.view(), normal: [0.0, 1.0, 0.0], noise: baked[i].1.noise };
+            let end = |i: usize| {
+                let end = End { transfer: baked[i].0.view(), normal: [0.0, 1.0, 0.0], noise: baked[i].1.noise };
+                Made { end, parents: None }
+            };
             is_coarse(&solid, &end(0), &end(1), &OPTIONS.mesh)
         })
     };
-    // 4 cm apart: with the plate one end has the red wall and the other the green one.
-    assert!(coarse(true, [-0.02, 0.02]), "the plate is between the points");
-    assert!(!coarse(true, [0.02, 0.06]), "both are on one side of it");
-    assert!(!coarse(false, [-0.02, 0.02]), "nothing is between them");
+    // 4 cm apart: with the plate one end has the red wall and the other the green one, wherever it stands between them.
+    for i in 0..number(1, 30) {
+        let shift = 0.012 * (i as f32 / 30.0) * if i % 2 == 0 { 1.0 } else { -1.0 };
+        assert!(coarse(true, [shift - 0.02, shift + 0.02]), "the plate is between the points, {shift}");
+        assert!(!coarse(true, [shift + 0.03, shift + 0.07]), "both are on one side of it, {shift}");
+        assert!(!coarse(false, [shift - 0.02, shift + 0.02]), "nothing is between them, {shift}");
+    }
 }
 
 #[test]
@@ -150,9 +165,9 @@ fn light_from_one_texel_is_finite_and_keeps_the_energy_of_lobes() {
     });
     let lobes: Vec<_> = point.irradiance.iter().chain(&point.slices).map(|record| decode(record).lobe).collect();
     let whole: f64 = lobes.iter().map(|lobe| f64::from(lobe.weight[0])).sum();
-    let n = 16;
+    let n = number(16, 32);
     let (mut mean, mut count) = (0.0, 0.0);
-    for texel in (0..6 * n * n).step_by(3) {
+    for texel in (0..6 * n * n).step_by(number(3, 1)) {
         let (face, y, x) = (texel / (n * n), texel / n % n, texel % n);
         let mut light = LightCubemap::black(n);
         let d = texel_unit_direction(n, face, x, y);
@@ -191,12 +206,15 @@ fn stored_slices_are_as_close_to_the_paths_as_f32_ones() {
     let filtered = FilteredLight::prepare(&light);
     let (mut squares, mut power, mut bytes) = ([0.0f64; 2], 0.0f64, [0usize; 2]);
     with_tracer(&valley(), |tracer| {
-        for x in [-0.35, 0.0, 0.2, 0.4] {
+        let n_places = number(4, 40);
+        for place in 0..n_places {
+            let x = -0.35 + 0.75 * place as f32 / (n_places - 1) as f32;
             let (from, receiver) = (at(x), receiver(0.35));
             let mut paths = PathSet::default();
             tracer.extend(&from, 4096, &mut paths);
             let slices = Slices::new(&paths, &receiver);
-            let views = refine_views(&solid, &ViewOptions { budget: 0.05, ..OPTIONS.views }, |c| slices.fit(solid.corners[c as usize]));
+            let views =
+                refine_views(&solid, &ViewOptions { budget: 0.05, ..OPTIONS.views }, &[], |c| slices.fit(solid.corners[c as usize]));
             let pair =
                 |slot: usize, slice: &crate::refine::angular::Slice| TransferLobe { lobe: slice.lobes[slot], grazing: slice.grazing[slot] };
             let dense: Vec<[TransferLobe; SLICE_LOBES]> =

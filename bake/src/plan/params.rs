@@ -22,6 +22,8 @@ pub struct PointParams {
     pub coarser: bool,
     /// Unrest of an edge, m²·sr, above which the borders of shadows split it down to the floor ([`crate::refine::border`]); infinite: never.
     pub most_unrest: f32,
+    /// Triangles with an edge whose ends differ are cut in four, as in \[LD09\], in the place of edges in two. For its chart: it makes more points.
+    pub quarters: bool,
     /// Refined triangles of one object; more is an error that says so, not an allocation.
     pub max_triangles: u32,
 }
@@ -36,6 +38,7 @@ impl PointParams {
             max_level: DEEPEST_LEVEL,
             coarser: knobs.coarser,
             most_unrest: f32::INFINITY,
+            quarters: false,
             max_triangles: 1 << 26,
         }
     }

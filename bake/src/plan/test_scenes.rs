@@ -100,6 +100,7 @@ pub fn params(edge_length: f32) -> PointParams {
         area_floor: 0.125,
         max_level: 15,
         coarser: false,
+        quarters: false,
         most_unrest: f32::INFINITY,
         max_triangles: 1 << 24,
     }

@@ -69,11 +69,14 @@ mod tests {
 
     #[test]
     fn edges_across_a_leak_shrink_to_the_floor_and_old_points_stay() {
-        for shape in [sphere([0.0; 3], 1.0, 12, 8, false), quad([-1.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1)] {
+        let ball = || sphere([0.0; 3], 1.0, 12, 8, false);
+        let floor = || quad([-1.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], 1);
+        let mut counts = Vec::new();
+        for (shape, quarters) in [(ball(), false), (floor(), false), (ball(), true), (floor(), true)] {
             let mut scene = scene();
             let closed = shape.normals.is_some();
             add(&mut scene, "thing", vec![shape], IDENTITY);
-            let params = params(0.4);
+            let params = PointParams { quarters, ..params(0.4) };
             let (_, plans) = plan(&scene, &params);
             let rounds = split_all(&plans[0], &params);
             assert!(rounds.len() > 2, "edges of 0.2 to 0.53 m are halved to 0.1 m or less");
@@ -89,6 +92,7 @@ mod tests {
                 let area = |plan: &ObjectPlan| plan.area.iter().map(|a| f64::from(*a)).sum::<f64>();
                 assert!((area(before) - area(after)).abs() < 1e-5 * area(before), "the surface is the same");
             }
+            counts.push(rounds.last().expect("starts with one").n_points());
             let last = rounds.last().expect("starts with one").mesh();
             let mut uses: BTreeMap<[[u32; 3]; 2], u32> = BTreeMap::new();
             for t in &last.triangles {
@@ -103,6 +107,7 @@ mod tests {
             }
             assert!(!closed || uses.values().all(|n| *n == 2), "no T-vertex");
         }
+        assert!(counts[2] > counts[0] && counts[3] > counts[1], "whole triangles take more points than edges: {counts:?}");
     }
 
     #[test]

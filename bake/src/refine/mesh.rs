@@ -3,9 +3,13 @@
 //! ```text
 //! difference(x, y) = max_v D(T_x(v), T_y(v)) / (N + floor)        v over the directions of the coarser end's level that both ends face,
 //!                                                                 N the largest norm of a slice of either end
-//! noise(x, y)      = 2 √(3 / M_eff)                               of the noisier end
-//! split            : difference > max(budget, noise)
+//! noise(x, y)      = that of [`super::angular`]                    of the noisier end
+//! surprise(x)      = max_v D(drawn half way between x's parents, T_x(v)) / (N + floor)         0 for a point of the base mesh
+//! split            : difference > max(budget, noise),  and at an end made by halving an edge: surprise > max(predicted, noise)
 //! ```
+//!
+//! Drawing moves lobes between points, so ends may differ and all between them be right: on a smooth curve the middle of an edge is what was
+//! drawn there before, and its halves are left alone. The first difference is the paper's; the second condition is ours, and only ever splits less.
 //!
 //! Slices are compared for the same direction in the world, which is what drawing interpolates between: on a curved surface the same
 //! direction in two local frames turns the reflection by half as much. The irradiance counts as one more slice, divided by π.
@@ -16,9 +20,10 @@
 use prelight_runtime::sphere::frame::tangents;
 use prelight_runtime::sphere::icosahedron::Icosahedron;
 use prelight_runtime::vmf_transfer::Lobe;
+use prelight_runtime::vmf_transfer::interpolate::blend;
 use prelight_runtime::vmf_transfer::lobe::{distance, norm};
-use prelight_runtime::vmf_transfer::shade::glossy_lobes;
-use prelight_runtime::vmf_transfer::transfer::{PointTransfer, decode};
+use prelight_runtime::vmf_transfer::shade::{glossy_lobes, slot_lobes};
+use prelight_runtime::vmf_transfer::transfer::{PointTransfer, SLICE_LOBES, decode};
 use std::f64::consts::PI;
 
 /// Finest level of directions that are compared: between them slices are interpolated anyhow.
@@ -31,6 +36,8 @@ const LEAST_HEIGHT: f32 = 0.05;
 pub struct MeshOptions {
     /// Difference that is good enough.
     pub budget: f64,
+    /// Surprise of a middle that is good enough.
+    pub predicted: f64,
     /// Norm below which differences do not count in full, sr^-½.
     pub floor: f64,
 }
@@ -42,34 +49,83 @@ pub struct End<'a> {
     pub transfer: PointTransfer<'a>,
     /// The normal that its slices lie about.
     pub normal: [f32; 3],
-    /// 2 √(3 / M_eff) of its slices.
+    /// That of its slices, as [`super::angular`] has it.
     pub noise: f32,
 }
 
+/// An end with those that it was made half way between, if it was.
+#[derive(Clone, Copy, Debug)]
+pub struct Made<'a> {
+    /// The point.
+    pub end: End<'a>,
+    /// The ends of the edge that it halved.
+    pub parents: Option<[End<'a>; 2]>,
+}
+
 /// Whether an edge between two points is to be split.
-pub fn is_coarse(solid: &Icosahedron, a: &End, b: &End, options: &MeshOptions) -> bool {
-    let bound = options.budget.max(f64::from(a.noise.max(b.noise)));
-    difference(solid, a, b, options.floor) > bound
+pub fn is_coarse(solid: &Icosahedron, a: &Made, b: &Made, options: &MeshOptions) -> bool {
+    let noise = f64::from(a.end.noise.max(b.end.noise));
+    let is_known = |made: &Made| {
+        let Some(parents) = &made.parents else { return false };
+        let noise = parents.iter().map(|end| end.noise).fold(made.end.noise, f32::max);
+        surprise(solid, parents, &made.end, options.floor) <= options.predicted.max(f64::from(noise))
+    };
+    difference(solid, &a.end, &b.end, options.floor) > options.budget.max(noise) && !is_known(a) && !is_known(b)
+}
+
+/// Irradiance as radiance.
+fn wide(end: &End, share: f32) -> Vec<Lobe> {
+    let over_pi = |lobe: Lobe| Lobe { weight: lobe.weight.map(|w| share * w / PI as f32), ..lobe };
+    end.transfer.irradiance.iter().map(|record| over_pi(decode(record).lobe)).collect()
+}
+
+/// Directions in the world that every one of some ends faces: those of the coarsest end's level about its normal. None where no end has slices.
+fn views(solid: &Icosahedron, ends: &[&End]) -> Vec<[f32; 3]> {
+    let lit = ends.iter().filter(|end| end.transfer.level.is_some());
+    let Some(coarsest) = lit.min_by_key(|end| end.transfer.level) else { return Vec::new() };
+    let (t, n) = (tangents(coarsest.normal), coarsest.normal);
+    let views = solid.stored(coarsest.transfer.level.unwrap_or(0).min(MOST_LEVEL)).iter().map(|corner| {
+        let local = solid.corners[*corner as usize];
+        std::array::from_fn(|k| local[0] * t.0[k] + local[1] * t.1[k] + local[2] * n[k])
+    });
+    let faces = |view: &[f32; 3]| ends.iter().all(|end| (0..3).map(|k| view[k] * end.normal[k]).sum::<f32>() >= LEAST_HEIGHT);
+    views.filter(faces).collect()
+}
+
+/// How wrong the middle of an edge was drawn before it was baked; relative, as the differences.
+pub fn surprise(solid: &Icosahedron, [a, b]: &[End; 2], middle: &End, floor: f64) -> f64 {
+    let at_middle = wide(middle, 1.0);
+    let mut drawn = wide(a, 0.5);
+    drawn.extend(wide(b, 0.5));
+    let (mut largest, mut differs) = (norm(&at_middle).max(norm(&drawn)), distance(&drawn, &at_middle));
+    for view in views(solid, &[a, b, middle]) {
+        let slots = |end: &End| {
+            let black = || std::array::from_fn(|_| (blend([Lobe::default(); 3], [1.0, 0.0, 0.0]), 0.0));
+            if end.transfer.level.is_none() { black() } else { slot_lobes(solid, &end.transfer, end.normal, view) }
+        };
+        let (at_a, at_b, at_middle) = (slots(a), slots(b), slots(middle));
+        let (mut drawn, mut computed) = (Vec::new(), Vec::new());
+        for slot in 0..SLICE_LOBES {
+            match (at_a[slot].0.lobes(), at_b[slot].0.lobes()) {
+                ([x], [y]) => drawn.extend_from_slice(blend([*x, *y, *x], [0.5, 0.5, 0.0]).lobes()),
+                (x, y) => drawn.extend(x.iter().chain(y).map(|lobe| Lobe { weight: lobe.weight.map(|w| 0.5 * w), ..*lobe })),
+            }
+            computed.extend_from_slice(at_middle[slot].0.lobes());
+        }
+        for lobes in [&mut drawn, &mut computed] {
+            lobes.retain(|lobe| lobe.weight != [0.0; 3]);
+        }
+        largest = largest.max(norm(&drawn)).max(norm(&computed));
+        differs = differs.max(distance(&drawn, &computed));
+    }
+    differs / (largest + floor)
 }
 
 /// The relative difference of the module head; 0 where neither end has lobes.
 pub fn difference(solid: &Icosahedron, a: &End, b: &End, floor: f64) -> f64 {
-    let wide = |end: &End| -> Vec<Lobe> {
-        let over_pi = |lobe: Lobe| Lobe { weight: lobe.weight.map(|w| w / PI as f32), ..lobe };
-        end.transfer.irradiance.iter().map(|record| over_pi(decode(record).lobe)).collect()
-    };
-    let (at_a, at_b) = (wide(a), wide(b));
+    let (at_a, at_b) = (wide(a, 1.0), wide(b, 1.0));
     let (mut largest, mut differs) = (norm(&at_a).max(norm(&at_b)), distance(&at_a, &at_b));
-    let lit: Vec<&End> = [a, b].into_iter().filter(|end| end.transfer.level.is_some()).collect();
-    let Some(coarser) = lit.iter().min_by_key(|end| end.transfer.level) else { return differs / (largest + floor) };
-    let (t, n) = (tangents(coarser.normal), coarser.normal);
-    for corner in solid.stored(coarser.transfer.level.unwrap_or(0).min(MOST_LEVEL)) {
-        let local = solid.corners[*corner as usize];
-        let view: [f32; 3] = std::array::from_fn(|k| local[0] * t.0[k] + local[1] * t.1[k] + local[2] * n[k]);
-        let height = |end: &End| (0..3).map(|k| view[k] * end.normal[k]).sum::<f32>();
-        if height(a) < LEAST_HEIGHT || height(b) < LEAST_HEIGHT {
-            continue;
-        }
+    for view in views(solid, &[a, b]) {
         let toward = |end: &End| -> Vec<Lobe> {
             if end.transfer.level.is_none() {
                 return Vec::new();
@@ -142,9 +198,34 @@ mod tests {
         let faint = mirror(&solid, turned(0.0), 30.0, 2e-4);
         assert!(difference(&solid, &end(&faint, turned(0.0)), &dark, 0.02) < 0.05);
         assert_eq!(difference(&solid, &dark, &dark, 0.02), 0.0);
-        let options = MeshOptions { budget: 0.5, floor: 0.02 };
-        assert!(is_coarse(&solid, &end(&lit, turned(0.0)), &dark, &options));
+        let options = MeshOptions { budget: 0.5, predicted: 0.1, floor: 0.02 };
+        let base = |end: End<'static>| Made { end, parents: None };
+        let lit = Box::leak(Box::new(lit));
+        let dark = end(const { &PointRecords::DARK }, turned(0.0));
+        assert!(is_coarse(&solid, &base(end(lit, turned(0.0))), &base(dark), &options));
         let noisy = End { noise: 1.5, ..dark };
-        assert!(!is_coarse(&solid, &end(&lit, turned(0.0)), &noisy, &options), "what may be noise is not refined");
+        assert!(!is_coarse(&solid, &base(end(lit, turned(0.0))), &base(noisy), &options), "what may be noise is not refined");
+    }
+
+    #[test]
+    fn a_middle_that_was_drawn_right_ends_refinement_and_a_shadow_does_not() {
+        let solid = Icosahedron::new(5);
+        let kappa = 30.0;
+        // A mirror that turns evenly, its lobes closer than 2/√κ so that they move, and the same with its last half in the dark.
+        let [left, middle, right] = [0.0f32, 0.05, 0.1].map(|angle| mirror(&solid, turned(angle), kappa, 0.5));
+        let ends = [end(&left, turned(0.0)), end(&right, turned(0.1))];
+        let options = MeshOptions { budget: 0.3, predicted: 0.15, floor: 0.02 };
+        let base = |end| Made { end, parents: None };
+        assert!(is_coarse(&solid, &base(ends[0]), &base(ends[1]), &options), "the ends differ");
+        let turned_middle = end(&middle, turned(0.05));
+        let smooth = surprise(&solid, &ends, &turned_middle, 0.0);
+        assert!(smooth < 0.15, "{smooth}");
+        let made = |end| Made { end, parents: Some(ends) };
+        assert!(difference(&solid, &ends[0], &turned_middle, 0.02) > options.budget);
+        assert!(!is_coarse(&solid, &base(ends[0]), &made(turned_middle), &options), "the middle was drawn as it is: {smooth}");
+        let dark = end(const { &PointRecords::DARK }, turned(0.05));
+        let shadow = surprise(&solid, &ends, &dark, 0.0);
+        assert!(shadow > 0.9, "{shadow}");
+        assert!(is_coarse(&solid, &base(ends[0]), &made(dark), &options));
     }
 }

@@ -50,6 +50,8 @@ pub struct Refined {
     pub level: Vec<u8>,
     /// `[points]` where it was made. For a base point, any triangle that has it as a corner.
     pub home: Vec<Home>,
+    /// `[points]` the two that it was made half way between; itself twice for a base point.
+    pub parents: Vec<[u32; 2]>,
     /// Vertices of the draw mesh.
     pub vertices: Vertices,
     /// Triangles in order of base triangle.
@@ -82,6 +84,7 @@ impl Refined {
             points: base.points.clone(),
             level: vec![0; base.points.position.len()],
             home,
+            parents: (0..base.points.position.len() as u32).map(|point| [point; 2]).collect(),
             vertices: base.vertices.clone(),
             triangles: base.triangles.iter().enumerate().map(triangle).collect(),
             n_sites: base.n_sites,
@@ -143,6 +146,7 @@ impl Midpoints {
             refined.points.primitive.push(refined.points.primitive[ends[0] as usize]);
             refined.level.push(level);
             refined.home.push(home);
+            refined.parents.push(ends);
         }
         point
     }

@@ -7,6 +7,9 @@
 //!     /  |  \        / \ / \        / _-- |      the quadrilateral cut along its shorter diagonal)
 //!    0---m0--1      0---m0--1      0------1
 //! ```
+//!
+//! With `quarters` every triangle that has such an edge is cut in four, as in \[LD09\] section 4.3; those beside it by the templates. What two
+//! triangles share they share whole, so neighbours are never more than one level apart, and there is no T-vertex to be resolved later.
 
 use super::edge::EdgeTable;
 use super::refined::{Corner, Midpoints, Refined, RefinedTriangle, halves};
@@ -41,6 +44,20 @@ impl Round<'_> {
                 {
                     halved.n_sites += u32::from(halved.sites.get_or_insert(a, b, halved.n_sites).1);
                 }
+            }
+        }
+        if self.params.quarters {
+            let sites = |t: &RefinedTriangle| {
+                [(0, 1), (1, 2), (2, 0)].map(|(i, j)| {
+                    let own = [t.vertices[i], t.vertices[j]].map(|v| refined.points.site[refined.point(v) as usize]);
+                    (own, halves(t.corners[i], t.corners[j]).is_some())
+                })
+            };
+            // By what was marked before: cutting in four asks for no more of it.
+            let cut: Vec<&RefinedTriangle> =
+                refined.triangles.iter().filter(|t| sites(t).iter().any(|([p, q], _)| halved.sites.get(*p, *q).is_some())).collect();
+            for ([p, q], _) in cut.into_iter().flat_map(sites).filter(|(_, halves)| *halves) {
+                halved.n_sites += u32::from(halved.sites.get_or_insert(p, q, halved.n_sites).1);
             }
         }
         (halved.n_sites > refined.n_sites).then_some(halved)

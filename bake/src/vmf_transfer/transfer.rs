@@ -17,14 +17,14 @@
 //! refinement early. One lobe a class cannot show two reflections in one slice.
 
 use crate::fit::mixture::{Effort, fit_mixture};
-use crate::fit::thin::thin_slices;
+use crate::fit::thin::thin_wanted;
 use crate::fit::vmf::{LobeSums, PathSample, fit_lobe};
 use crate::refine::angular::{Slice, Stop, ViewOptions, Views, refine_views};
 use crate::refine::mesh::MeshOptions;
 use crate::trace::TraceOrigin;
 use crate::trace::path::{PathSet, PathTracer};
 use prelight_runtime::block_product::brdf::PointLobe;
-use prelight_runtime::brdf::{Lobe as BrdfLobe, lobe, phong};
+use prelight_runtime::brdf::{Lobe as BrdfLobe, blinn_phong, lobe, phong};
 use prelight_runtime::sphere::frame::tangents;
 use prelight_runtime::sphere::icosahedron::Icosahedron;
 use prelight_runtime::vmf_transfer::Lobe;
@@ -46,6 +46,12 @@ const FAINT: f32 = 0.01;
 /// Share of a power's peak below which nothing is counted: it holds less than as much of its energy.
 const UNSEEN: f64 = 1e-4;
 
+/// Height over its horizon below which no eye sees a point, nor a triangle that has it.
+const AVERTED: f32 = -0.5;
+
+/// Largest exponent that is taken as products: beyond, their rounding adds up.
+const MOST_POWER: f64 = 4096.0;
+
 /// Wide lobes are found in few samples.
 const EFFORT: Effort = Effort { starts: 1, samples: 384 };
 
@@ -56,14 +62,16 @@ pub struct PointWork {
     pub rays: u64,
     /// Slices fitted.
     pub slices: u64,
-    /// 2 √(3 / M_eff) of its slices: what two fits of the same differ by, relative.
+    /// Twice what two fits of its slices differ by, relative: [`crate::refine::angular`].
     pub noise: f32,
+    /// Effective samples of its slices, the median.
+    pub samples: f32,
     /// Refinement of views ended at the noise floor, with all the paths that there may be.
     pub noise_limited: bool,
 }
 
 /// What decides, besides the scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct TransferOptions {
     /// Refinement of views.
     pub views: ViewOptions,
@@ -73,6 +81,9 @@ pub struct TransferOptions {
     pub thin: f64,
     /// Largest number of paths of a point.
     pub most_paths: u32,
+    /// Places in the world from which alone the bake will be looked at, for charts of meshes too fine to be baked for all views. None: from
+    /// everywhere.
+    pub eyes: Vec<[f32; 3]>,
 }
 
 /// Paths that a receiver with this lobe takes.
@@ -102,6 +113,10 @@ pub fn bake_point(
 ) -> (PointRecords, PointWork) {
     let mut paths = PathSet::default();
     let mut work = PointWork::default();
+    let toward = local_views(from, receiver, &options.eyes);
+    if !options.eyes.is_empty() && toward.iter().all(|view| view[2] < AVERTED) {
+        return (PointRecords::DARK, work);
+    }
     tracer.extend(from, LEAST_PATHS.min(options.most_paths), &mut paths);
     if paths.ends.is_empty() {
         work.rays = paths.rays;
@@ -112,26 +127,44 @@ pub fn bake_point(
     if receiver.lobe == BrdfLobe::None {
         return (PointRecords { irradiance: irradiance(&paths, from.normal, seed), ..PointRecords::DARK }, work);
     }
-    let mut views = refined(solid, &paths, receiver, options, &mut work.slices);
+    let mut views = refined(solid, &paths, receiver, (options, &toward), &mut work.slices);
     // What is noise is not worth more directions; it is worth more paths, which go on where the others ended.
     while views.stop == Stop::Noise && (paths.primary.len() as u32) < options.most_paths {
         let wanted = (paths.primary.len() as u32).saturating_mul(2).min(options.most_paths);
         tracer.extend(from, wanted, &mut paths);
-        views = refined(solid, &paths, receiver, options, &mut work.slices);
+        views = refined(solid, &paths, receiver, (options, &toward), &mut work.slices);
     }
     work.rays = paths.rays;
     let irradiance = irradiance(&paths, from.normal, seed);
     work.noise_limited = views.stop == Stop::Noise;
-    work.noise = views.noise as f32;
+    (work.noise, work.samples) = (views.noise as f32, views.samples as f32);
     let pair = |slice: &Slice| std::array::from_fn(|slot| TransferLobe { lobe: slice.lobes[slot], grazing: slice.grazing[slot] });
     let dense: Vec<[TransferLobe; SLICE_LOBES]> = views.slices.iter().map(pair).collect();
     let tolerance = options.thin * (views.largest + options.views.floor);
-    (PointRecords { irradiance, ..thin_slices(solid, views.level, &dense, tolerance) }, work)
+    (PointRecords { irradiance, ..thin_wanted(solid, views.level, &dense, tolerance, &views.wanted) }, work)
 }
 
-fn refined(solid: &Icosahedron, paths: &PathSet, receiver: &PointLobe, options: &TransferOptions, n_slices: &mut u64) -> Views {
+/// Unit directions from a point to the eyes, in the frame of its views; those below its horizon have the horizon's lobes.
+fn local_views(from: &TraceOrigin, receiver: &PointLobe, eyes: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    let (t, b) = tangents(receiver.normal);
+    let local = |eye: &[f32; 3]| {
+        let toward: [f32; 3] = std::array::from_fn(|k| eye[k] - from.origin[k]);
+        let length = (toward[0] * toward[0] + toward[1] * toward[1] + toward[2] * toward[2]).sqrt();
+        let along = |axis: [f32; 3]| (0..3).map(|k| axis[k] * toward[k]).sum::<f32>() / length;
+        (length > 0.0 && length.is_finite()).then(|| [along(t), along(b), along(receiver.normal)])
+    };
+    eyes.iter().filter_map(local).collect()
+}
+
+fn refined(
+    solid: &Icosahedron,
+    paths: &PathSet,
+    receiver: &PointLobe,
+    (options, toward): (&TransferOptions, &[[f32; 3]]),
+    n_slices: &mut u64,
+) -> Views {
     let slices = Slices::new(paths, receiver);
-    refine_views(solid, &options.views, |corner| {
+    refine_views(solid, &options.views, toward, |corner| {
         *n_slices += 1;
         slices.fit(solid.corners[corner as usize])
     })
@@ -166,6 +199,8 @@ pub struct Slices<'a> {
     lobe_frame: [[f64; 3]; 3],
     /// `[ends]` primary direction in the lobe's axes.
     primary: Vec<[f64; 3]>,
+    /// Of a Blinn–Phong lobe whose exponent is even: its normalisation, and half the exponent.
+    power: Option<(f64, u32)>,
 }
 
 /// Directions that a power of a cosine reaches, so that most paths cost no exponential. Other lobes fall off too slowly to be cut.
@@ -225,7 +260,13 @@ impl<'a> Slices<'a> {
             lobe_frame = [x, [n[1] * x[2] - n[2] * x[1], n[2] * x[0] - n[0] * x[2], n[0] * x[1] - n[1] * x[0]], n];
         }
         let primary = paths.ends.iter().map(|end| into_frame(&lobe_frame, paths.primary[end.primary as usize])).collect();
-        Slices { paths, lobe: receiver.lobe, frame, lobe_frame, primary }
+        let power = match receiver.lobe {
+            BrdfLobe::BlinnPhong { exponent } if exponent % 2.0 == 0.0 && exponent <= MOST_POWER => {
+                Some((blinn_phong::normalisation(exponent), (exponent / 2.0) as u32))
+            }
+            _ => None,
+        };
+        Slices { paths, lobe: receiver.lobe, frame, lobe_frame, primary, power }
     }
 
     /// A local view in the lobe's axes.
@@ -247,6 +288,24 @@ impl<'a> Slices<'a> {
         self.paths.ends.iter().zip(&self.primary).map(of).sum::<f64>() / self.paths.primary.len() as f64
     }
 
+    /// Both terms of the lobe; a whole power of a squared cosine is a few products.
+    #[inline]
+    fn terms(&self, v: [f64; 3], l: [f64; 3]) -> [[f32; 3]; 2] {
+        let Some((normalisation, half)) = self.power else {
+            return self.lobe.terms(v, l).map(|term| term.map(|value| value as f32));
+        };
+        let [x, y, z] = [v[0] + l[0], v[1] + l[1], v[2] + l[2]];
+        let mut base = z * z / (x * x + y * y + z * z);
+        let (mut power, mut left) = (1.0, half);
+        while left > 0 {
+            power *= if left & 1 == 1 { base } else { 1.0 };
+            base *= base;
+            left >>= 1;
+        }
+        let value = if l[2] > 0.0 { (normalisation * power * l[2]) as f32 } else { 0.0 };
+        [[value; 3], [0.0; 3]]
+    }
+
     /// The slice toward a local view.
     pub fn fit(&self, view: [f32; 3]) -> Slice {
         let v = self.lobe_view(view);
@@ -258,7 +317,7 @@ impl<'a> Slices<'a> {
             if !reach.includes(l) {
                 continue;
             }
-            let [g0, g1] = self.lobe.terms(v, *l).map(|term| term.map(|value| value as f32));
+            let [g0, g1] = self.terms(v, *l);
             let first = if is_measured { g1 } else { g0 };
             if luminance(first) <= 0.0 {
                 continue;
@@ -296,9 +355,10 @@ mod tests {
 
     const OPTIONS: TransferOptions = TransferOptions {
         views: ViewOptions { start: 1, max: 3, budget: 0.1, floor: 0.02 },
-        mesh: MeshOptions { budget: 0.5, floor: 0.02 },
+        mesh: MeshOptions { budget: 0.5, predicted: 0.1, floor: 0.02 },
         thin: 0.0,
         most_paths: MOST_PATHS,
+        eyes: Vec::new(),
     };
     const FROM: TraceOrigin = TraceOrigin { origin: [0.0, 1e-3, 0.0], normal: [0.0, 1.0, 0.0], base_triangles: &[0, 1] };
 
@@ -406,6 +466,23 @@ mod tests {
                 assert!((f64::from(fitted.kappa) / kappa - 1.0).abs() < 0.1, "{degrees}°: {} {kappa}", fitted.kappa);
             }
         });
+    }
+
+    #[test]
+    fn an_even_power_is_the_lobe_itself() {
+        for exponent in [2.0, 64.0, 128.0, 1000.0, 7.0] {
+            let receiver = PointLobe { lobe: BrdfLobe::BlinnPhong { exponent }, ..glossy_receiver(0.3) };
+            let paths = PathSet::default();
+            let slices = Slices::new(&paths, &receiver);
+            assert_eq!(slices.power.is_some(), exponent % 2.0 == 0.0);
+            for i in 0..200u64 {
+                let axis = |k: u64| 2.0 * crate::fit::mixture::uniform(k, i) - 1.0;
+                let unit = |x: f64, y: f64, z: f64| [x, y, z].map(|c| c / (x * x + y * y + z * z).sqrt());
+                let (v, l) = (unit(axis(0), axis(1), 0.3), unit(axis(2), axis(3), 1.0 + axis(4)));
+                let (got, exact) = (slices.terms(v, l)[0][0], receiver.lobe.terms(v, l)[0][0] as f32);
+                assert!((got - exact).abs() <= 1e-6 * exact, "{exponent}: {got} {exact}");
+            }
+        }
     }
 
     #[test]

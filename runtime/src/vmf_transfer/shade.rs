@@ -64,7 +64,7 @@ pub fn add_glossy(
             continue;
         }
         let view = toward.map(|c| c / length);
-        let (own, light) = EyeLobes::look_up(light, &slots(solid, &point, normal[i], view));
+        let (own, light) = EyeLobes::look_up(light, &slot_lobes(solid, &point, normal[i], view));
         lobes[i] = own;
         for (sum, term) in glossy[i].iter_mut().zip(light) {
             (0..3).for_each(|c| sum[c] += term[c]);
@@ -79,14 +79,14 @@ pub fn glossy_lobes(
     normal: [f32; 3],
     view: [f32; 3],
 ) -> impl Iterator<Item = (super::Lobe, f32)> {
-    slots(solid, point, normal, view).into_iter().flat_map(|(blend, grazing)| {
+    slot_lobes(solid, point, normal, view).into_iter().flat_map(|(blend, grazing)| {
         let n = blend.lobes().len();
         (0..n).map(move |i| (blend.lobes()[i], grazing)).filter(|(lobe, _)| lobe.weight != [0.0; 3])
     })
 }
 
-/// The same slot by slot, black ones too.
-fn slots(solid: &Icosahedron, point: &PointTransfer, normal: [f32; 3], view: [f32; 3]) -> [(Blend, f32); SLICE_LOBES] {
+/// The same slot by slot, black ones too, each with its second Schlick term.
+pub fn slot_lobes(solid: &Icosahedron, point: &PointTransfer, normal: [f32; 3], view: [f32; 3]) -> [(Blend, f32); SLICE_LOBES] {
     let (t, b) = tangents(normal);
     let along = |axis: [f32; 3]| axis[0] * view[0] + axis[1] * view[1] + axis[2] * view[2];
     let found = solid.locate(point.level.unwrap_or(0), [along(t), along(b), along(normal)]);
