@@ -112,9 +112,10 @@ fn a_preview_does_not_wait_for_light_over_other_surfaces() {
     let mut options = options(&scene, 0.05);
     let transfer = TransferOptions {
         views: ViewOptions { start: 1, max: 2, budget: 0.5, floor: 0.02 },
-        mesh: MeshOptions { budget: f64::INFINITY, floor: 0.02 },
+        mesh: MeshOptions { budget: f64::INFINITY, predicted: f64::INFINITY, floor: 0.02 },
         thin: 0.05,
         most_paths: 256,
+        eyes: Vec::new(),
     };
     options.transfer = vec![Some(transfer); scene.objects.len()];
     let world = World::build(&scene);
