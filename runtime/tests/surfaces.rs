@@ -17,6 +17,11 @@ const PLAIN_DECIBELS: f64 = 95.0;
 /// The same at grazing, where the rounding of a direction is magnified by 1/(n·v) over a width of 1e-3.
 const GRAZING_DECIBELS: f64 = 75.0;
 
+/// Points of a test, and those of its full size, which `.ci/long surfaces` runs.
+fn sized(reduced: usize, full: usize) -> usize {
+    if std::env::var_os("PRELIGHT_LONG").is_some() { full } else { reduced }
+}
+
 /// Lambert plus a Blinn-Phong lobe of exponent 40 as a table.
 fn table() -> Measured {
     let grid = [48, 8, 8];
@@ -132,7 +137,7 @@ fn bent(patch: &Patch) -> Vec<[f32; 3]> {
 #[test]
 fn every_lobe_is_the_oracle_within_its_accuracy_on_every_path() {
     let table = table();
-    let patch = Patch::among_occluders(64, 12, 5);
+    let patch = Patch::among_occluders(64, sized(12, 192), 5);
     let normal = bent(&patch);
     for (name, texels) in [("sky", sky(64, 5e4)), ("studio", studio(64))] {
         for lobe in lobes(&table) {
@@ -142,7 +147,7 @@ fn every_lobe_is_the_oracle_within_its_accuracy_on_every_path() {
             }
         }
     }
-    let patch = Patch::among_occluders(128, 3, 6);
+    let patch = Patch::among_occluders(128, sized(3, 48), 6);
     for lobe in [Lobe::Ward { alpha: [0.05, 0.4] }, Lobe::Phong { exponent: 200.0 }, Lobe::Ggx { alpha: [0.3, 0.05] }] {
         Case { patch: &patch, normal: &patch.normal, lobe, eye: [2.0, 1.2, 3.5] }.check("128", &sky(128, 5e4));
     }
@@ -160,14 +165,14 @@ fn one_texel_sun(gain: f32) -> LightCubemap {
 #[test]
 fn a_one_texel_sun_at_1e5_times_the_sky() {
     let table = table();
-    let patch = Patch::among_occluders(64, 6, 9);
+    let patch = Patch::among_occluders(64, sized(6, 96), 9);
     for lobe in lobes(&table) {
         Case { patch: &patch, normal: &patch.normal, lobe, eye: [-1.0, 2.0, 1.5] }.check("sun", &one_texel_sun(1e5));
     }
     // Diffuse: points that do not see the sun lie 1e5 below it and must keep 60 dB of their own.
     let texels = one_texel_sun(1e5);
     let light = Light::prepare(&texels);
-    let mut out = vec![[[0.0; 3]; 3]; 6];
+    let mut out = vec![[[0.0; 3]; 3]; patch.position.len()];
     shade_diffuse_with(SimdPath::detect(), &light, &patch.visibility(), &mut out);
     for (i, out) in out.iter().enumerate() {
         let truth = pixel_product::diffuse(&texels, patch.open_of(i));
@@ -179,7 +184,7 @@ fn a_one_texel_sun_at_1e5_times_the_sky() {
 #[test]
 fn a_black_environment_gives_exact_zeros() {
     let table = table();
-    let patch = Patch::among_occluders(64, 3, 9);
+    let patch = Patch::among_occluders(64, sized(3, 48), 9);
     let light = Light::prepare(&cubemap_from_radiance(64, |_| [0.0; 3]));
     for lobe in lobes(&table) {
         for path in SimdPath::all_available() {
@@ -222,9 +227,10 @@ fn blocks_that_straddle_the_horizon_and_peaks_at_block_borders() {
 #[test]
 fn grazing_views_and_normal_maps_below_the_surface() {
     let table = table();
-    let patch = Patch::among_occluders(64, 6, 9);
+    let patch = Patch::among_occluders(64, sized(6, 96), 9);
     let [below, along, against] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.6, -0.8, 0.0]];
-    let normal: [[f32; 3]; 6] = [[0.0, 1.0, 0.0], below, along, against, [0.0, 1.0, 0.0], [0.8, 0.6, 0.0]];
+    let six: [[f32; 3]; 6] = [[0.0, 1.0, 0.0], below, along, against, [0.0, 1.0, 0.0], [0.8, 0.6, 0.0]];
+    let normal: Vec<[f32; 3]> = six.into_iter().cycle().take(patch.position.len()).collect();
     for lobe in lobes(&table) {
         for eye in [[500.0, 0.6, 20.0], [-4.0, 0.011, 0.3], [0.2, -3.0, 0.1]] {
             let case = Case { patch: &patch, normal: &normal, lobe, eye };
@@ -240,7 +246,7 @@ fn grazing_views_and_normal_maps_below_the_surface() {
 #[test]
 fn denormal_light_stays_finite_and_keeps_its_size() {
     let table = table();
-    let patch = Patch::among_occluders(64, 3, 9);
+    let patch = Patch::among_occluders(64, sized(3, 48), 9);
     let scale = 1e-39f32;
     let mut texels = sky(64, 10.0);
     texels.flux.iter_mut().for_each(|flux| *flux = flux.map(|f| f * scale));
