@@ -53,6 +53,23 @@ pub trait Parts {
     fn most<L: Lanes>(&self, lanes: L, level: &Level, group: usize) -> [f32; WIDTH];
 }
 
+/// Directions of a group's runs in the lobe's frame.
+#[inline(always)]
+fn local<L: Lanes>(lanes: L, lobe: &Registers<L>, level: &Level, group: usize) -> [L::V; 3] {
+    let along = |axis: usize| lanes.load(part(&level.direction[axis], group));
+    lobe.local(lanes, [along(0), along(1), along(2)])
+}
+
+/// A value where it is lit as the factors of F0 and of F90; all of it the first where it does not split.
+#[inline(always)]
+fn split<L: Lanes, F: Formula>(lanes: L, lobe: &Registers<L>, lit: L::M, value: L::V, hh: L::V) -> [L::V; 2] {
+    if !F::SCHLICK {
+        return [value, lanes.splat(0.0)];
+    }
+    let rest = lanes.keep(lit, lanes.mul(value, lobe.schlick(lanes, hh)));
+    [lanes.sub(value, rest), rest]
+}
+
 /// A lobe with a formula.
 pub struct Smooth<'a, F> {
     pub lobe: &'a Lobe<'a>,
@@ -64,44 +81,59 @@ impl<F: Formula> Smooth<'_, F> {
     #[inline(always)]
     fn bounds<L: Lanes>(&self, lanes: L, level: &Level, group: usize) -> (L::V, L::V, L::M) {
         let lobe = Registers::new(lanes, self.lobe);
-        let load = |values: &[f32]| lanes.load(part(values, group));
-        let local = lobe.local(lanes, [load(&level.direction[0]), load(&level.direction[1]), load(&level.direction[2])]);
-        let r = load(&level.radius);
+        let local = local(lanes, &lobe, level, group);
+        let r = lanes.load(part(&level.radius, group));
         let (most, kappa) = F::bounds(lanes, &lobe, local, r);
         let above = lanes.greater(lanes.add(local[2], r), lanes.splat(0.0));
         (lanes.keep(above, most), kappa, lanes.greater(r, local[2]))
     }
+
+    /// What blocks and cells are both tested by.
+    ///
+    /// With threshold 0 everything is taken apart, but what is exactly 0 still does not matter: 0 · ∞ is greater than nothing.
+    #[inline(always)]
+    fn misses<L: Lanes>(&self, lanes: L, level: &Level, group: usize, threshold: f32) -> Misses<L> {
+        let (most, kappa, straddles) = self.bounds(lanes, level, group);
+        let (one, load) = (lanes.splat(1.0), |values: &[f32]| lanes.load(part(values, group)));
+        let share = lanes.select(straddles, one, lanes.min(lanes.mul(kappa, load(&level.spread)), one));
+        let most = lanes.mul(most, lanes.splat(1.0 / threshold));
+        Misses { most, light: lanes.mul(most, load(&level.weight)), share, kappa, straddles }
+    }
+}
+
+/// Of the runs of a group, in thresholds: `most`, and that times the light; the share of it that one sample misses; κ; which straddle the horizon,
+/// of which one sample misses everything.
+struct Misses<L: Lanes> {
+    most: L::V,
+    light: L::V,
+    share: L::V,
+    kappa: L::V,
+    straddles: L::M,
 }
 
 impl<F: Formula> Parts for Smooth<'_, F> {
     #[inline(always)]
     fn blocks<L: Lanes>(&self, lanes: L, blocks: &Level, group: usize, threshold: f32) -> Blocks {
-        let (most, kappa, straddles) = self.bounds(lanes, blocks, group);
-        let (one, load) = (lanes.splat(1.0), |values: &[f32]| lanes.load(part(values, group)));
-        let share = lanes.select(straddles, one, lanes.min(lanes.mul(kappa, load(&blocks.spread)), one));
-        // In thresholds. With threshold 0 everything is taken apart, but what is exactly 0 still does not matter: 0 · ∞ is greater than nothing.
-        let most = lanes.mul(most, lanes.splat(1.0 / threshold));
-        let light = lanes.mul(most, load(&blocks.weight));
+        let Misses { most, light, share, kappa, straddles } = self.misses(lanes, blocks, group, threshold);
+        let load = |values: &[f32]| lanes.load(part(values, group));
         let straight = lanes.greater(lanes.splat(CELL_SHARE), lanes.mul(lanes.mul(most, kappa), load(&blocks.cells[0])));
         let part = lanes.max(lanes.mul(most, load(&blocks.cells[1])), lanes.splat(SQUARE));
         let even = lanes.greater(lanes.splat((CELL_SHARE / OFF_CENTRE).powi(2)), lanes.mul(lanes.mul(part, part), kappa));
         Blocks {
             matters: lanes.bits(lanes.greater(light, lanes.splat(DROPPED))),
-            bent: lanes.bits(lanes.greater(lanes.mul(light, share), one)),
+            bent: lanes.bits(lanes.greater(lanes.mul(light, share), lanes.splat(1.0))),
             smooth: lanes.bits(lanes.both(straight, even)) & !lanes.bits(straddles),
         }
     }
 
     #[inline(always)]
     fn cells<L: Lanes>(&self, lanes: L, cells: &Level, block: usize, threshold: f32) -> Tested {
-        let (most, kappa, straddles) = self.bounds(lanes, cells, block);
-        let (one, load) = (lanes.splat(1.0), |values: &[f32]| lanes.load(part(values, block)));
-        let share = lanes.select(straddles, one, lanes.min(lanes.mul(kappa, load(&cells.spread)), one));
-        let light = lanes.max(lanes.mul(lanes.mul(most, lanes.splat(1.0 / threshold)), load(&cells.weight)), lanes.splat(SQUARE));
+        let Misses { light, share, .. } = self.misses(lanes, cells, block, threshold);
+        let light = lanes.max(light, lanes.splat(SQUARE));
         let bend = lanes.mul(light, share);
         Tested {
             matters: lanes.bits(lanes.greater(light, lanes.splat(DROPPED))),
-            bent: lanes.bits(lanes.greater(bend, one)),
+            bent: lanes.bits(lanes.greater(bend, lanes.splat(1.0))),
             // √share · light > 1 / OFF_CENTRE
             skewed: lanes.bits(lanes.greater(lanes.mul(light, bend), lanes.splat(1.0 / (OFF_CENTRE * OFF_CENTRE)))),
         }
@@ -115,8 +147,7 @@ impl<F: Formula> Parts for Smooth<'_, F> {
         let (value, hh) = F::value(lanes, &lobe, local);
         let lit = lanes.greater(local[2], lanes.splat(0.0));
         let value = lanes.keep(lit, value);
-        let rest = if F::SCHLICK { lanes.keep(lit, lanes.mul(value, lobe.schlick(lanes, hh))) } else { lanes.splat(0.0) };
-        let base = lanes.sub(value, rest);
+        let [base, rest] = split::<L, F>(lanes, &lobe, lit, value, hh);
         let sum = |value: L::V| {
             [lanes.sum(lanes.mul(flux[0], value)), lanes.sum(lanes.mul(flux[1], value)), lanes.sum(lanes.mul(flux[2], value))]
         };
@@ -155,7 +186,7 @@ impl<F: Formula> Parts for Smooth<'_, F> {
             }
             let level = levels[kind];
             let load = |values: &[f32]| lanes.load(part(values, at));
-            let local = lobe.local(lanes, [load(&level.direction[0]), load(&level.direction[1]), load(&level.direction[2])]);
+            let local = local(lanes, &lobe, level, at);
             let lit = lanes.greater(local[2], zero);
             let (value, hh) = F::value(lanes, &lobe, local);
             let mut value = lanes.keep(lit, value);
@@ -166,8 +197,7 @@ impl<F: Formula> Parts for Smooth<'_, F> {
             if ENERGY {
                 sums[0][0] = lanes.fma(load(&level.flux[0]), lanes.keep(counts, value), sums[0][0]);
             } else if F::SCHLICK {
-                let rest = lanes.keep(lit, lanes.mul(value, lobe.schlick(lanes, hh)));
-                let base = lanes.sub(value, rest);
+                let [base, rest] = split::<L, F>(lanes, &lobe, lit, value, hh);
                 if kind == 1 {
                     cells = [lanes.store(base), lanes.store(rest)];
                 }
