@@ -22,7 +22,7 @@ use crate::asset::surface::PointSurfaces;
 use crate::asset::{Asset, AssetPatch};
 use crate::block_product::brdf::PointLobe;
 use crate::block_product::change::{LightChange, update_diffuse};
-use crate::block_product::{Accuracy, Glossy, Light, SimdPath, shade_diffuse, shade_lobes};
+use crate::block_product::{Accuracy, Glossy, Light, SimdPath, shade_lobes, shade_moments};
 use crate::brdf::surface::COAT_F0;
 use crate::brdf::{Lobe, Measured, ggx};
 use crate::draw::at_points::{PointImage, draw_at_points};
@@ -33,6 +33,7 @@ use crate::environment::LightCubemap;
 use crate::error::RuntimeError;
 use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use crate::surface::detail::{Detail, fill_details, has_detail, point_lobe};
+use crate::surface::lune::{Lune, is_bent};
 use crate::surface::{AlphaMode, Material, Model};
 use crate::vmf_transfer::FilteredLight;
 use crate::vmf_transfer::pixel::{EyeLobes, PixelLobes};
@@ -46,6 +47,8 @@ pub struct Relighter<'a> {
     indirect: Option<Indirect>,
     /// `[points][channel][axis]` vector irradiance, W·m⁻².
     irradiance: Vec<[[f32; 3]; 3]>,
+    /// `[points]` what bent normals need beside it; empty while no material has a normal map.
+    lune: Vec<Lune>,
     /// `[points]` glossy radiance in two terms.
     glossy: Vec<Glossy>,
     /// `[points]` radiance of a whole clear coat; empty while no material has one.
@@ -135,6 +138,8 @@ struct Work<'a> {
     patches: &'a [AssetPatch],
     is_lit: &'a mut [bool],
     irradiance: &'a mut [[[f32; 3]; 3]],
+    /// Empty while no material has a normal map.
+    lune: &'a mut [Lune],
     glossy: &'a mut [Glossy],
     /// Empty while no material has a clear coat.
     coat: &'a mut [[f32; 3]],
@@ -155,14 +160,15 @@ impl Work<'_> {
         let points = later_patches[0].points.start - patches[0].points.start;
         let (is_lit, later_is_lit) = self.is_lit.split_at_mut(patches.len());
         let (irradiance, later_irradiance) = self.irradiance.split_at_mut(points);
+        let (lune, later_lune) = self.lune.split_at_mut(points.min(self.lune.len()));
         let (glossy, later_glossy) = self.glossy.split_at_mut(points);
         let (coat, later_coat) = self.coat.split_at_mut(points.min(self.coat.len()));
         let (lobes, later_lobes) = self.lobes.split_at_mut(points.min(self.lobes.len()));
         let Work { light, indirect, surfaces, accuracy, eye, wanted, .. } = self;
-        let first = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat, lobes };
+        let first = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, lune, glossy, coat, lobes };
         let (patches, is_lit, irradiance, glossy, coat) = (later_patches, later_is_lit, later_irradiance, later_glossy, later_coat);
-        let lobes = later_lobes;
-        let later = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, glossy, coat, lobes };
+        let (lune, lobes) = (later_lune, later_lobes);
+        let later = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, lune, glossy, coat, lobes };
         let (a, b) = join(|| first.run(), || later.run());
         a + b
     }
@@ -179,9 +185,15 @@ impl Work<'_> {
             let transfer = self.indirect.zip(patch.transfer());
             if !std::mem::replace(is_lit, true) {
                 let irradiance = &mut self.irradiance[range.clone()];
-                shade_diffuse(self.light, &visibility, irradiance);
+                let mut second = [[0.0; 6]; PATCH_POINTS];
+                let is_bent = !self.lune.is_empty() && is_bent(patch, self.surfaces.baked);
+                let second = if is_bent { &mut second[..patch.points.len()] } else { &mut [] };
+                shade_moments(SimdPath::detect(), self.light, &visibility, irradiance, second);
                 if let Some(((_, light), transfer)) = &transfer {
-                    add_irradiance(light, transfer, patch.points().normal, irradiance);
+                    add_irradiance(light, transfer, patch.points().normal, irradiance, second);
+                }
+                for (at, second) in second.iter().enumerate() {
+                    self.lune[range.start + at] = Lune::new(&irradiance[at], *second, patch.points().normal[at]);
                 }
             }
             shaded += patch.points.len();
@@ -233,9 +245,10 @@ pub struct View {
 }
 
 impl<'a> Relighter<'a> {
-    /// Buffers for all points: 80 bytes each, 168 where the asset has transfer.
+    /// Buffers for all points: 80 bytes each, 168 where the asset has transfer; 32 more with normal maps.
     pub fn new(asset: &'a Asset) -> Self {
         let has_transfer = asset.patches.iter().any(|patch| patch.transfer().is_some());
+        let has_normal_map = asset.materials().iter().any(|material| material.normal_texture.is_some());
         let mut flags = Vec::with_capacity(asset.n_points());
         asset.patches.iter().for_each(|patch| flags.extend_from_slice(patch.points().flags));
         let mut relighter = Relighter {
@@ -255,6 +268,7 @@ impl<'a> Relighter<'a> {
             rest: Vec::new(),
             at_full: 0.0,
             irradiance: vec![[[0.0; 3]; 3]; asset.n_points()],
+            lune: if has_normal_map { vec![Lune::default(); asset.n_points()] } else { Vec::new() },
             glossy: vec![Glossy::default(); asset.n_points()],
             flags,
             is_lit: vec![false; asset.patches.len()],
@@ -364,19 +378,24 @@ impl<'a> Relighter<'a> {
     }
 
     /// [`Relighter::set_light`] for a light that differs little from the last one given here: where few blocks of the cubemap changed, only
-    /// those are summed again, at every point that was lit, without drift ([`LightChange`]). Keeps a copy of the light.
+    /// those are summed again, at every point that was lit, without drift ([`LightChange`]). Patches with a normal map wait for the next
+    /// [`Relighter::shade`], which sums all of theirs. Keeps a copy of the light.
     pub fn change_light(&mut self, light: &LightCubemap) {
         let total: f64 = light.flux.as_flattened().iter().map(|flux| f64::from(*flux)).sum();
         // Indirect light has no sums to change: it is looked up again, and direct light with it.
         let before = self.cubemap.take().filter(|_| self.indirect.is_none());
         let change = before.map(|before| LightChange::between(&before, light));
-        let lit = self.is_lit.clone();
+        let mut lit = self.is_lit.clone();
         self.set_light(light);
         self.cubemap = Some(light.clone());
         match change.filter(|change| change.allows(self.at_full, total)) {
             Some(change) => {
                 self.rest.resize(self.irradiance.len(), [[0.0; 3]; 3]);
-                for (patch, _) in self.asset.patches.iter().zip(&lit).filter(|(_, lit)| **lit) {
+                for (patch, is_lit) in self.asset.patches.iter().zip(&mut lit).filter(|(_, lit)| **lit) {
+                    if !self.lune.is_empty() && is_bent(patch, self.surfaces.baked) {
+                        *is_lit = false;
+                        continue;
+                    }
                     let range = patch.points.clone();
                     update_diffuse(&change, &patch.visibility(), &mut self.irradiance[range.clone()], &mut self.rest[range]);
                 }
@@ -429,6 +448,7 @@ impl<'a> Relighter<'a> {
             patches: &asset.patches,
             is_lit,
             irradiance,
+            lune: &mut self.lune,
             glossy,
             coat,
             lobes: &mut self.lobes,
@@ -474,8 +494,9 @@ impl<'a> Relighter<'a> {
             .map(|(object, mesh)| DrawObject {
                 mesh,
                 irradiance: &self.irradiance[object.points.clone()],
+                lune: self.lune.get(object.points.clone()).unwrap_or_default(),
                 glossy: &self.glossy[object.points.clone()],
-                coat: if self.coat.is_empty() { &[] } else { &self.coat[object.points.clone()] },
+                coat: self.coat.get(object.points.clone()).unwrap_or_default(),
                 lobes: indirect.map(|(_, light)| PixelLobes { light, lobes: &self.lobes[object.points.clone()] }),
                 point_flags: &self.flags[object.points.clone()],
             })

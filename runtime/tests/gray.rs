@@ -9,7 +9,7 @@ use prelight_runtime::block_product::brdf::PointLobe;
 use prelight_runtime::block_product::change::{LightChange, update_diffuse};
 use prelight_runtime::block_product::visibility::fractions::Fractions;
 use prelight_runtime::block_product::visibility::{STREAM_PADDING, Visibility, block_count, open_words};
-use prelight_runtime::block_product::{Accuracy, Glossy, Light, SimdPath, shade_diffuse_with, shade_lobes};
+use prelight_runtime::block_product::{Accuracy, Glossy, Light, SimdPath, shade_diffuse_with, shade_lobes, shade_moments};
 use prelight_runtime::brdf::Lobe;
 use prelight_runtime::environment::LightCubemap;
 use prelight_runtime::sphere::cubemap::hilbert_from_xy;
@@ -150,15 +150,22 @@ fn diffuse_light_is_that_of_a_light_dimmed_texel_by_texel() {
         let light = Light::prepare(&texels);
         let everything = vec![u64::MAX; open_words(n)];
         let truth: Vec<[[f64; 3]; 3]> = (0..12).map(|point| pixel_product::diffuse(&gray.dimmed(&texels, point), &everything)).collect();
-        let mut first = vec![[[0.0; 3]; 3]; 12];
-        shade_diffuse_with(SimdPath::Scalar, &light, &gray.visibility(), &mut first);
+        let (mut first, mut second) = (vec![[[0.0; 3]; 3]; 12], vec![[0.0; 6]; 12]);
+        shade_moments(SimdPath::Scalar, &light, &gray.visibility(), &mut first, &mut second);
         let db = decibels(flat(&first), truth.iter().flatten().flatten().copied());
         // As binary visibility: differences of f32 suffix sums.
         assert!(db > 100.0, "n {n}, {steps} steps: {db:.1} dB");
         for path in SimdPath::all_available() {
-            let mut out = vec![[[0.0; 3]; 3]; 12];
-            shade_diffuse_with(path, &light, &gray.visibility(), &mut out);
-            assert_eq!(out, first, "{path:?} gives the scalar path's bits");
+            let (mut out, mut moments) = (vec![[[0.0; 3]; 3]; 12], vec![[0.0; 6]; 12]);
+            shade_moments(path, &light, &gray.visibility(), &mut out, &mut moments);
+            assert_eq!((&out, &moments), (&first, &second), "{path:?} gives the scalar path's bits");
+        }
+        for (point, second) in second.iter().enumerate() {
+            let dimmed = gray.dimmed(&texels, point);
+            let fluence: f64 = dimmed.flux.as_flattened().iter().map(|flux| f64::from(*flux)).sum();
+            let got: f64 = second[..3].iter().map(|moment| f64::from(*moment)).sum();
+            // A trace is the fluence: what is left of all light after differences of suffixes.
+            assert!((got - fluence).abs() < 1e-4 * fluence + 1e-2, "n {n}, {steps} steps: {got} {fluence}");
         }
     }
 }

@@ -9,10 +9,11 @@ use prelight_runtime::baseline::dense::{self, PixelLight};
 use prelight_runtime::baseline::pixel_product;
 use prelight_runtime::block_product::visibility::open_words;
 use prelight_runtime::block_product::{
-    GLOSSY_FLOOR, GLOSSY_TOLERANCE, Glossy, Light, SimdPath, shade_diffuse_with, shade_glossy, shade_glossy_with,
+    GLOSSY_FLOOR, GLOSSY_TOLERANCE, Glossy, Light, SimdPath, shade_diffuse_with, shade_glossy, shade_glossy_with, shade_moments,
 };
 use prelight_runtime::brdf::ggx;
 use prelight_runtime::environment::LightCubemap;
+use prelight_runtime::sphere::cubemap::texel_unit_direction;
 
 fn lights(n: usize) -> [LightCubemap; 3] {
     [sky(n, 5e4), studio(n), cubemap_from_radiance(n, |_| [0.0; 3])]
@@ -40,8 +41,8 @@ fn diffuse_is_the_oracle_within_100_db_and_every_path_has_the_same_bits() {
         for (at, texels) in lights(n).iter().enumerate() {
             let light = Light::prepare(texels);
             let truth: Vec<_> = (0..visibility.len()).map(|point| pixel_product::diffuse(texels, patch.open_of(point))).collect();
-            let mut scalar = vec![[[0.0f32; 3]; 3]; visibility.len()];
-            shade_diffuse_with(SimdPath::Scalar, &light, &visibility, &mut scalar);
+            let (mut scalar, mut second) = (vec![[[0.0f32; 3]; 3]; visibility.len()], vec![[0.0f32; 6]; visibility.len()]);
+            shade_moments(SimdPath::Scalar, &light, &visibility, &mut scalar, &mut second);
             let flat = |v: &[[[f32; 3]; 3]]| v.as_flattened().as_flattened().iter().map(|x| f64::from(*x)).collect::<Vec<_>>();
             let db = decibels(flat(&scalar).into_iter(), truth.as_flattened().as_flattened().iter().copied());
             println!("n {n} light {at}: {db:.1} dB");
@@ -50,9 +51,30 @@ fn diffuse_is_the_oracle_within_100_db_and_every_path_has_the_same_bits() {
                 let mut out = vec![[[f32::NAN; 3]; 3]; visibility.len()];
                 shade_diffuse_with(path, &light, &visibility, &mut out);
                 assert_eq!(out, scalar, "{path:?}");
+                let mut moments = vec![[f32::NAN; 6]; visibility.len()];
+                shade_moments(path, &light, &visibility, &mut out, &mut moments);
+                assert_eq!((&out, &moments), (&scalar, &second), "{path:?}");
             }
+            let truth: Vec<[f64; 6]> = (0..visibility.len()).map(|point| second_moments(texels, patch.open_of(point))).collect();
+            let flat = second.as_flattened().iter().map(|x| f64::from(*x));
+            let db = decibels(flat, truth.as_flattened().iter().copied());
+            assert!(db >= 100.0, "light {at}, n {n}: second moments {db:.1} dB");
         }
     }
+}
+
+/// xx, yy, zz, xy, yz, zx of the sum of the channels, texel by texel.
+fn second_moments(texels: &LightCubemap, open: &[u64]) -> [f64; 6] {
+    let n = texels.face_resolution;
+    let mut sum = [0.0; 6];
+    for texel in (0..6 * n * n).filter(|texel| open[texel / 64] >> (texel % 64) & 1 == 1) {
+        let [x, y, z] = texel_unit_direction(n, texel / (n * n), texel % n, texel / n % n);
+        let flux: f64 = texels.flux[texel].iter().map(|flux| f64::from(*flux)).sum();
+        for (sum, product) in sum.iter_mut().zip([x * x, y * y, z * z, x * y, y * z, z * x]) {
+            *sum += flux * f64::from(product);
+        }
+    }
+    sum
 }
 
 /// The baselines of the bench compute what the oracle does: f32 sums of 24 thousand terms.

@@ -4,10 +4,10 @@ use prelight_runtime::asset::Asset;
 use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::brdf::Measured;
 use prelight_runtime::draw::camera::Camera;
-use prelight_runtime::environment::{LightCubemap, sky};
+use prelight_runtime::environment::{Environment, LightCubemap, sky};
 use prelight_runtime::relight::{Relighter, View};
-use prelight_runtime::surface::{AlphaMode, Material, Model};
-use prelight_tests::{baked_asset, still_life};
+use prelight_runtime::surface::{AlphaMode, Material, Model, Texture, TextureEncoding, TextureRef, Wrap};
+use prelight_tests::{baked_asset, quad, scene, still_life};
 
 /// Edge length of the bakes, metres: a few hundred points.
 const EDGE: f32 = 0.15;
@@ -123,6 +123,46 @@ fn a_light_changed_in_few_blocks_is_the_light_set_anew() {
             assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-5 * size + 1e-5), "{a:?} {b:?}");
         }
     }
+}
+
+/// Under an even sky a surface bent by β receives π (1 + cos β) / 2 of it: vector irradiance alone would give π cos β. The same after the light
+/// changed in few blocks.
+#[test]
+fn normal_maps_get_the_light_between_the_two_horizons() {
+    let mut floor = quad([-0.5, 0.0, -0.5], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], 0);
+    floor.uvs[0] = Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
+    floor.normals = Some(vec![[0.0, 1.0, 0.0]; 4]);
+    floor.tangents = Some(vec![[0.0, 0.0, 1.0, 1.0]; 4]);
+    let mut scene = scene(vec![("floor", floor)]);
+    // 45 degrees toward +u.
+    let texels = std::borrow::Cow::Owned(vec![218, 128, 218, 255]);
+    scene.textures.push(Texture { width: 1, height: 1, encoding: TextureEncoding::Linear, texels });
+    let map = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false };
+    scene.materials[0] = Material { model: Model::Lambert, base_color: [1.0; 4], normal_texture: Some(map), ..scene.materials[0].clone() };
+    let asset = baked_asset(&scene, EDGE);
+    let camera = Camera::new([0.0, 2.0, 0.0], [0.0; 3], [1.0, 0.0, 0.0], 10.0).unwrap();
+    let white = LightCubemap::from_environment(&Environment::new(4, 2, vec![[1.0; 3]; 8]), 64).0;
+    let mut relighter = Relighter::new(&asset);
+    let mut centre = |light: &LightCubemap, has_changed: bool| {
+        if has_changed {
+            relighter.change_light(light)
+        } else {
+            relighter.set_light(light)
+        }
+        relighter.shade(camera.eye, None);
+        let view = relighter.view(&camera, [9, 9], 1).unwrap();
+        relighter.draw(&view, &|_| [0.0; 3], false).unwrap().image.pixels[40]
+    };
+    let expected = 0.5 * (1.0 + 0.5f32.sqrt());
+    let got = centre(&white, false);
+    assert!(got.iter().all(|x| (x - expected).abs() < 5e-3), "{got:?} {expected}");
+    let mut lamp = white.clone();
+    for texel in 9000..9004 {
+        lamp.flux[texel] = lamp.flux[texel].map(|f| 50.0 * f);
+        lamp.moment[texel] = lamp.moment[texel].map(|m| m.map(|w| 50.0 * w));
+    }
+    centre(&white, true);
+    assert_eq!(centre(&lamp, true), centre(&lamp, false));
 }
 
 #[test]

@@ -6,9 +6,11 @@ use crate::error::BakeError;
 use crate::progress::{Progress, check};
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::mesh::Mesh;
+use prelight_runtime::block_product::{Light, SimdPath, shade_moments};
 use prelight_runtime::draw::raster::Visibility;
 use prelight_runtime::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use prelight_runtime::environment::{Environment, LightCubemap};
+use prelight_runtime::surface::lune::{Lune, is_bent};
 use prelight_runtime::vmf_transfer::pixel::{EyeLobes, PixelLobes};
 use rayon::prelude::*;
 
@@ -70,6 +72,7 @@ impl PictureView {
         let lights: Vec<PatchLight> =
             self.patches.par_iter().map_init(|| Shader::new(light.face_resolution), shade).collect::<Result<_, BakeError>>()?;
         let (n, filtered) = (asset.n_points(), prepared.filtered());
+        let lune = self.lune(asset, light, &lights);
         let mut all = PatchLight { irradiance: vec![[[0.0; 3]; 3]; n], glossy: vec![[[0.0; 3]; 2]; n], lobes: Vec::new() };
         if filtered.is_some() {
             all.lobes.resize(n, EyeLobes::default());
@@ -86,6 +89,7 @@ impl PictureView {
             .map(|(i, object)| DrawObject {
                 mesh: asset.mesh(i),
                 irradiance: &all.irradiance[object.points.clone()],
+                lune: lune.get(object.points.clone()).unwrap_or_default(),
                 glossy: &all.glossy[object.points.clone()],
                 coat: &[],
                 lobes: filtered.map(|light| PixelLobes { light, lobes: &all.lobes[object.points.clone()] }),
@@ -97,5 +101,27 @@ impl PictureView {
         let (materials, tables) = (asset.materials(), asset.tables());
         let scene = DrawScene { objects: &objects, materials, textures: &textures, tables, background: &background, clay: false };
         Ok(draw_visible(&scene, &self.visibility)?)
+    }
+
+    /// What the pixels of normal maps need beside vector irradiance, from direct light: the same for every technique.
+    fn lune(&self, asset: &Asset, light: &LightCubemap, lights: &[PatchLight]) -> Vec<Lune> {
+        let patches = || self.patches.iter().map(|patch| &asset.patches[*patch]).zip(lights);
+        if !patches().any(|(patch, _)| is_bent(patch, asset.materials())) {
+            return Vec::new();
+        }
+        let light = Light::prepare(light);
+        let mut lune = vec![Lune::default(); asset.n_points()];
+        for (patch, shaded) in patches().filter(|(patch, _)| is_bent(patch, asset.materials())) {
+            let (n, normal) = (patch.points.len(), patch.points().normal);
+            let (mut direct, mut second) = (vec![[[0.0; 3]; 3]; n], vec![[0.0; 6]; n]);
+            shade_moments(SimdPath::detect(), &light, &patch.visibility(), &mut direct, &mut second);
+            for at in 0..n {
+                // What a technique adds to direct light comes along the normal.
+                let added = std::array::from_fn(|c| (0..3).map(|k| (shaded.irradiance[at][c][k] - direct[at][c][k]) * normal[at][k]).sum());
+                Lune::add_even(&mut second[at], added);
+                lune[patch.points.start + at] = Lune::new(&shaded.irradiance[at], second[at], normal[at]);
+            }
+        }
+        lune
     }
 }

@@ -260,7 +260,7 @@ impl Shader {
                 shade_glossy_with(self.path, LOBES_TOLERANCE, light, position, &surfaces, &visibility, eye, &mut out.glossy);
                 if let Some(transfer) = &transfer {
                     if !is_lit {
-                        add_irradiance(filtered, transfer, patch.points().normal, &mut out.irradiance);
+                        add_irradiance(filtered, transfer, patch.points().normal, &mut out.irradiance, &mut []);
                     }
                     out.lobes.resize(n, EyeLobes::default());
                     add_glossy(filtered, solid, transfer, position, surfaces.normal, eye, &mut out.glossy, &mut out.lobes);

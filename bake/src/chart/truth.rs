@@ -1,20 +1,21 @@
-//! Reference images as bytes, so that a chart traces each of them once.
+//! Reference images in the store, so that a chart traces each of them once.
 //!
 //! ```text
-//! magic "PLRF", version, width, height, samples a pixel, 0: u32 each; rays u64; cpu_seconds f64
-//! image, half_a, half_b    [height · width, 3] f32
-//! mask                     [height · width] u8, 0 or 1
-//! digest                   [32] blake3 of all before
+//! key      of all that the images depend on
+//! chunks   image  [3, height, width, 3] f32: the whole image and its two halves        image  [height, width] u8: the mask, 0 or 1
+//! data     samples a pixel u32, 0 u32, rays u64, cpu_seconds f64
 //! ```
+//!
+//! No asset names them: `prelight gc` frees them after its grace time like all that no root reaches, and a chart traces what is gone again.
 
 use crate::reference::ReferenceImages;
+use prelight_manifests::{ChunkKind, Digest, Dtype};
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::relative_l2;
+use prelight_store::{ChunkSource, Record, Store, StoreError};
 
-const MAGIC: [u8; 4] = *b"PLRF";
-const VERSION: u32 = 1;
-const HEAD: usize = 40;
-const DIGEST: usize = 32;
+/// Bytes of a record's data.
+const DATA: usize = 24;
 
 /// A reference and what it cost.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,52 +39,58 @@ impl KeptReference {
         (error > 0.0).then(|| per_pixel * (noise / error) * (noise / error))
     }
 
-    /// See the module head.
-    pub fn to_bytes(&self) -> Vec<u8> {
+    /// Puts the images into the store, durably, under a key.
+    ///
+    /// # Errors
+    /// What the store says.
+    pub fn keep(&self, store: &Store, key: Digest) -> Result<(), StoreError> {
         let ReferenceImages { image, half_a, half_b, mask, rays, samples_per_pixel, .. } = &self.images;
-        let mut bytes = MAGIC.to_vec();
-        for number in [VERSION, image.width as u32, image.height as u32, *samples_per_pixel, 0] {
-            bytes.extend(number.to_le_bytes());
-        }
-        bytes.extend(rays.to_le_bytes());
-        bytes.extend(self.cpu_seconds.to_le_bytes());
-        for image in [image, half_a, half_b] {
-            image.pixels.as_flattened().iter().for_each(|value| bytes.extend(value.to_le_bytes()));
-        }
-        bytes.extend(mask.iter().map(|set| u8::from(*set)));
-        let digest = blake3::hash(&bytes);
-        bytes.extend(digest.as_bytes());
-        bytes
+        let (width, height) = (image.width as u64, image.height as u64);
+        let mut pixels = Vec::with_capacity(3 * image.pixels.len());
+        [image, half_a, half_b].into_iter().for_each(|image| pixels.extend_from_slice(&image.pixels));
+        let mask: Vec<u8> = mask.iter().map(|set| u8::from(*set)).collect();
+        let mut writer = store.writer();
+        let chunks = vec![
+            writer.put(ChunkKind::Image, Dtype::F32, vec![3, height, width, 3], bytemuck::cast_slice(&pixels))?,
+            writer.put(ChunkKind::Image, Dtype::U8, vec![height, width], &mask)?,
+        ];
+        let mut data = Vec::with_capacity(DATA);
+        data.extend(u64::from(*samples_per_pixel).to_le_bytes());
+        data.extend(rays.to_le_bytes());
+        data.extend(self.cpu_seconds.to_le_bytes());
+        writer.record(key, Record { chunks, data });
+        writer.commit()?;
+        Ok(())
     }
 
-    /// `None` for bytes that are not whole, not of this version or of another size: the reference is then traced again.
-    pub fn from_bytes(bytes: &[u8], [width, height]: [usize; 2]) -> Option<Self> {
-        let n = width.checked_mul(height)?;
-        if bytes.len() as u64 != (HEAD + DIGEST) as u64 + 37 * n as u64 {
-            return None;
+    /// What was kept under a key. `None` where that is nothing, not of this size, or damaged: the reference is then traced again.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn find(store: &Store, key: &Digest, [width, height]: [usize; 2]) -> Result<Option<Self>, StoreError> {
+        let Some(Record { chunks, data }) = store.lookup(key)? else { return Ok(None) };
+        let shapes = [vec![3, height as u64, width as u64, 3], vec![height as u64, width as u64]];
+        let ([pixels, mask], Ok(data)) = (&chunks[..], <[u8; DATA]>::try_from(&data[..])) else { return Ok(None) };
+        if [&pixels.shape, &mask.shape] != [&shapes[0], &shapes[1]] {
+            return Ok(None);
         }
-        let (body, digest) = bytes.split_at(bytes.len() - DIGEST);
-        if blake3::hash(body).as_bytes() != digest || body[..4] != MAGIC {
-            return None;
+        let (pixels, mask) = match (store.chunk(pixels), store.chunk(mask)) {
+            (Ok(pixels), Ok(mask)) => (pixels, mask),
+            (Err(error), _) | (_, Err(error)) if error.is_corrupt() => return Ok(None),
+            (Err(error), _) | (_, Err(error)) => return Err(error),
+        };
+        let (Ok(pixels), n) = (bytemuck::try_cast_slice::<u8, [f32; 3]>(&pixels), width * height) else { return Ok(None) };
+        if pixels.len() != 3 * n || mask.len() != n {
+            return Ok(None);
         }
-        let word = |at: usize| u32::from_le_bytes([body[at], body[at + 1], body[at + 2], body[at + 3]]);
-        if [word(4), word(8), word(12)] != [VERSION, width as u32, height as u32] {
-            return None;
-        }
-        let long = |at: usize| std::array::from_fn(|k| body[at + k]);
-        let mut values = body[HEAD..HEAD + 36 * n].as_chunks::<12>().0.iter().map(|pixel| {
-            let value = |k: usize| f32::from_le_bytes([pixel[4 * k], pixel[4 * k + 1], pixel[4 * k + 2], pixel[4 * k + 3]]);
-            [value(0), value(1), value(2)]
-        });
-        let mut image = || Image { width, height, pixels: values.by_ref().take(n).collect() };
-        let [image, half_a, half_b] = [image(), image(), image()];
-        let mask: Vec<bool> = body[HEAD + 36 * n..].iter().map(|byte| *byte == 1).collect();
+        let image = |at: usize| Image { width, height, pixels: pixels[at * n..(at + 1) * n].to_vec() };
+        let [image, half_a, half_b] = [image(0), image(1), image(2)];
+        let mask: Vec<bool> = mask.iter().map(|byte| *byte == 1).collect();
         let everything = vec![true; n];
-        let over = if mask.contains(&true) { &mask } else { &everything };
-        let noise = relative_l2(&half_a, &half_b, over);
-        let (rays, cpu_seconds) = (u64::from_le_bytes(long(24)), f64::from_le_bytes(long(32)));
-        let images = ReferenceImages { image, half_a, half_b, rays, samples_per_pixel: word(16), noise, mask };
-        Some(KeptReference { images, cpu_seconds })
+        let noise = relative_l2(&half_a, &half_b, if mask.contains(&true) { &mask } else { &everything });
+        let [samples, rays, cpu] = [0, 8, 16].map(|at| std::array::from_fn(|k| data[at + k])).map(u64::from_le_bytes);
+        let images = ReferenceImages { image, half_a, half_b, rays, samples_per_pixel: samples as u32, noise, mask };
+        Ok(Some(KeptReference { images, cpu_seconds: f64::from_bits(cpu) }))
     }
 }
 
@@ -99,15 +106,28 @@ mod tests {
         let noise = relative_l2(&half_a, &half_b, &mask);
         let images = ReferenceImages { image: image(1.25), half_a, half_b, mask, rays: 77, samples_per_pixel: 8, noise };
         let kept = KeptReference { images, cpu_seconds: 1.5 };
-        let bytes = kept.to_bytes();
-        assert_eq!(KeptReference::from_bytes(&bytes, [3, 2]).as_ref(), Some(&kept));
-        assert_eq!(KeptReference::from_bytes(&bytes, [2, 3]), None);
-        for at in [0, 5, 30, 100, bytes.len() - 1] {
-            let mut damaged = bytes.clone();
-            damaged[at] ^= 1;
-            assert_eq!(KeptReference::from_bytes(&damaged, [3, 2]), None, "byte {at}");
+        let (dir, key) = (tempfile::tempdir().unwrap(), Digest([3; 32]));
+        let find = |key: &Digest, size| KeptReference::find(&Store::open(dir.path()).unwrap(), key, size).unwrap();
+        kept.keep(&Store::open_or_create(dir.path()).unwrap(), key).unwrap();
+        assert_eq!(find(&key, [3, 2]).as_ref(), Some(&kept));
+        assert_eq!(find(&key, [2, 3]), None);
+        assert_eq!(find(&Digest([4; 32]), [3, 2]), None);
+        // A changed byte in any file that holds pixels: not there, until it is kept again.
+        let packs: Vec<_> = std::fs::read_dir(dir.path().join("packs")).unwrap().map(|entry| entry.unwrap().path()).collect();
+        let objects =
+            std::fs::read_dir(dir.path().join("objects")).unwrap().flat_map(|folder| std::fs::read_dir(folder.unwrap().path()).unwrap());
+        let files: Vec<_> = objects.map(|entry| entry.unwrap().path()).chain(packs).collect();
+        assert!(!files.is_empty());
+        for file in files {
+            let mut bytes = std::fs::read(&file).unwrap();
+            let pixel = 1.25f32.to_le_bytes();
+            let at = bytes.windows(4).position(|four| four == pixel).expect("six pixels are not worth compressing");
+            bytes[at] ^= 1;
+            std::fs::write(&file, &bytes).unwrap();
         }
-        assert_eq!(KeptReference::from_bytes(&bytes[..bytes.len() - 1], [3, 2]), None);
+        assert_eq!(find(&key, [3, 2]), None);
+        kept.keep(&Store::open(dir.path()).unwrap(), key).unwrap();
+        assert_eq!(find(&key, [3, 2]).as_ref(), Some(&kept));
         // Half the error costs four times as much.
         let cost = |error| kept.ns_per_pixel_at(error).unwrap();
         assert!((cost(0.01) / cost(0.02) - 4.0).abs() < 1e-9);

@@ -23,6 +23,7 @@ use prelight_bake::scene::input::SceneInput;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::block_product::SimdPath;
 use prelight_runtime::environment::LightCubemap;
+use prelight_store::Store;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -115,12 +116,13 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
         }
         None => None,
     };
-    for folder in ["", "references", "cells"] {
+    for folder in ["", "cells"] {
         let folder = args.output.join(folder);
         std::fs::create_dir_all(&folder).map_err(|source| prelight_bake::BakeError::output(&folder, source))?;
     }
     let asset_path = args.output.join("scene.prelight.json");
-    let was_empty = !context.store.clone().unwrap_or_else(|| super::bake::default_store(&asset_path)).exists();
+    let store_folder = context.store.clone().unwrap_or_else(|| super::bake::default_store(&asset_path));
+    let was_empty = !store_folder.exists();
     let before = process_seconds();
     let baked = if args.quarters {
         let mut loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
@@ -130,7 +132,7 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
         bake_file(&args.scene.scene, Some(asset_path.clone()), &args.knobs, &RebakeArgs::default(), context)?
     };
     let [bake_seconds, bake_cpu_seconds] = bake_seconds(&args.output, &baked, process_seconds() - before, was_empty, context)?;
-    let asset = open_asset(&asset_path, context)?;
+    let (asset, store) = (open_asset(&asset_path, context)?, Store::open(&store_folder)?);
     let lights = lights(names, &asset, context)?;
     let (width, height) = args.size;
     let size = [width as usize, height as usize];
@@ -139,14 +141,14 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
         return paper(&args, &asset, &lights, &views, context);
     }
     if args.paper == Some(Paper::Ld09) {
-        return super::chart_ld09::ld09(&args, &asset, &lights, &views, (&baked, [bake_seconds, bake_cpu_seconds]), context);
+        return super::chart_ld09::ld09(&args, (&asset, &store), &lights, &views, (&baked, [bake_seconds, bake_cpu_seconds]), context);
     }
     let rasterised =
         (views.iter()).map(|view| PictureView::new(&asset, &view.camera, size, args.samples as usize)).collect::<Result<Vec<_>, _>>()?;
     let techniques = Technique::of(&asset);
     let tables = Tables::new(asset.manifest().content.face_resolution as usize, &techniques);
     let sample = measure::sample(&asset, args.timed_points as usize);
-    let chart = Chart { args: &args, context, asset: &asset, bake_seconds, sample, techniques, tables };
+    let chart = Chart { args: &args, context, asset: &asset, store: &store, bake_seconds, sample, techniques, tables };
 
     let missing: Vec<(&ChartLight, usize)> = (lights.iter())
         .flat_map(|light| (0..views.len()).map(move |view| (light, view)))

@@ -4,13 +4,14 @@
 //! DIR/cells/KEY.json              rows: still, moving light, moving view
 //! DIR/cells/KEY/truth.png         the path tracer's picture
 //! DIR/cells/KEY/M-I.png           the picture of row I in motion M, and M-I-error.png
-//! DIR/references/KEY.ref          the path tracer's images
 //! ```
+//!
+//! The path tracer's images are chunks of the store ([`KeptReference`]).
 
 use super::chart::ChartArgs;
 use super::output::write_atomically;
 use super::render::Picture;
-use super::truth::Truth;
+use super::truth::{Truth, kept_or_traced};
 use super::{Context, Failure};
 use prelight_bake::chart::motion::{FRAMES, Moved, measure_moving};
 use prelight_bake::chart::page::Cell;
@@ -20,15 +21,17 @@ use prelight_bake::chart::row::mark_fronts;
 use prelight_bake::chart::thumbnail::{display, error_picture, steps, steps_free_of_noise, thumbnail};
 use prelight_bake::chart::truth::KeptReference;
 use prelight_bake::chart::views::ChartView;
-use prelight_bake::chart::{Motion, Row, Technique, measure, process_seconds};
+use prelight_bake::chart::{Motion, Row, Technique, measure};
 use prelight_bake::progress::Stage;
+use prelight_manifests::Digest;
 use prelight_manifests::version::ALGORITHM_VERSION;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::block_product::SimdPath;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{compare, unbiased_relative_l2};
-use prelight_runtime::draw::tonemap::{automatic_exposure, expose};
+use prelight_runtime::draw::tonemap::automatic_exposure;
 use prelight_runtime::environment::{Environment, LightCubemap};
+use prelight_store::Store;
 use std::path::PathBuf;
 
 /// Version of what is kept beside the rows.
@@ -41,11 +44,13 @@ pub struct ChartLight {
     pub cubemap: LightCubemap,
 }
 
-/// A view, rasterised, and where its results are kept.
+/// What the cells of a chart share.
 pub struct Chart<'a> {
     pub args: &'a ChartArgs,
     pub context: &'a Context<'a>,
     pub asset: &'a Asset,
+    /// Where references are kept.
+    pub store: &'a Store,
     pub bake_seconds: f64,
     pub sample: Vec<usize>,
     pub techniques: Vec<Technique>,
@@ -54,7 +59,7 @@ pub struct Chart<'a> {
 
 impl Chart<'_> {
     /// Everything that a reference hangs on; `extra` for what else a result does.
-    fn key(&self, light: &ChartLight, view: &ChartView, extra: &[String]) -> String {
+    fn key(&self, light: &ChartLight, view: &ChartView, extra: &[String]) -> Digest {
         let mut hasher = blake3::Hasher::new();
         let floats = [view.camera.eye, view.camera.look_at, view.camera.up, [view.camera.fov_y_deg, 0.0, 0.0]];
         hasher.update(self.asset.manifest().asset_digest.to_string().as_bytes());
@@ -66,7 +71,7 @@ impl Chart<'_> {
         extra.iter().for_each(|text| {
             hasher.update(b"\0").update(text.as_bytes());
         });
-        hasher.finalize().to_hex()[..24].to_string()
+        Digest(*hasher.finalize().as_bytes())
     }
 
     /// Surfaces between the camera's and the light in the references: none where the asset has direct light only.
@@ -79,7 +84,7 @@ impl Chart<'_> {
         let techniques = names.collect::<Vec<_>>().join(",");
         let (path, version) = (format!("{:?}", SimdPath::detect()), env!("CARGO_PKG_VERSION").to_string());
         let extra = [self.args.samples.to_string(), self.args.timed_points.to_string(), techniques, path, version, KEPT.to_string()];
-        self.args.output.join("cells").join(format!("{}.json", self.key(light, view, &extra)))
+        self.args.output.join("cells").join(format!("{:.24}.json", self.key(light, view, &extra).to_string()))
     }
 
     /// Results of an earlier run, under today's names.
@@ -113,23 +118,15 @@ impl Chart<'_> {
         Ok(write_atomically(&folder.join(name), |out| out.write_all(png))?)
     }
 
-    /// The reference of a cell, from its file or traced and kept.
+    /// The reference of a cell, from the store or traced.
     fn reference<'a>(&'a self, light: &'a ChartLight, view: &ChartView, truth: &mut Option<Truth<'a>>) -> Result<KeptReference, Failure> {
-        let size = self.size();
-        let path = self.args.output.join("references").join(format!("{}.ref", self.key(light, view, &[])));
-        if let Some(kept) = std::fs::read(&path).ok().and_then(|bytes| KeptReference::from_bytes(&bytes, size)) {
-            return Ok(kept);
-        }
-        let truth = truth.get_or_insert_with(|| Truth::new(self.asset, &light.environment, self.args.reference, self.bounces()));
-        let before = process_seconds();
-        let picture = Picture { camera: view.camera, size, samples: self.args.samples as usize, clay: false };
-        let images = truth.picture(&picture, self.context)?.images;
-        let kept = KeptReference { images, cpu_seconds: process_seconds() - before };
-        write_atomically(&path, |out| out.write_all(&kept.to_bytes()))?;
-        let exposure = automatic_exposure(&kept.images.image, &kept.images.mask);
-        let png = expose(&kept.images.image, exposure).to_png()?;
-        write_atomically(&path.with_extension("png"), |out| out.write_all(&png))?;
-        Ok(kept)
+        kept_or_traced(self.store, self.key(light, view, &[]), self.size(), || {
+            let truth = truth.get_or_insert_with(|| Truth::new(self.asset, &light.environment, self.args.reference, self.bounces()));
+            truth.picture(
+                &Picture { camera: view.camera, size: self.size(), samples: self.args.samples as usize, clay: false },
+                self.context,
+            )
+        })
     }
 
     /// One view under one light.

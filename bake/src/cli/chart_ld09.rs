@@ -9,27 +9,28 @@ use super::loaded::Loaded;
 use super::opened::open_asset;
 use super::output::write_atomically;
 use super::render::Picture;
-use super::truth::Truth;
+use super::truth::{Truth, kept_or_traced};
 use super::{Context, ExitCode, Failure, Summary};
 use prelight_bake::chart::glossy::{GlossyRow, LobeSizes, glossy_text, level_svg, lobe_sizes, mesh_svg};
-use prelight_bake::chart::process_seconds;
 use prelight_bake::chart::truth::KeptReference;
 use prelight_bake::chart::uniform::{ERRORS, MeshError, equal_points, root_mean_square, uniform_plot, uniform_text};
 use prelight_bake::chart::views::ChartView;
 use prelight_bake::progress::check;
+use prelight_manifests::Digest;
 use prelight_manifests::version::ALGORITHM_VERSION;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{compare, unbiased_relative_l2};
 use prelight_runtime::draw::tonemap::{automatic_exposure, expose};
 use prelight_runtime::relight::Relighter;
+use prelight_store::Store;
 use serde_json::Value;
 use std::time::Instant;
 
 /// The chart of a baked scene.
 pub fn ld09(
     args: &ChartArgs,
-    asset: &Asset,
+    (asset, store): (&Asset, &Store),
     lights: &[ChartLight],
     views: &[ChartView],
     (baked, [bake_seconds, bake_cpu_seconds]): (&Summary, [f64; 2]),
@@ -52,7 +53,7 @@ pub fn ld09(
     for object in &asset.objects {
         hasher.update(&object.edge_length.to_le_bytes());
     }
-    let chart = Ld09 { args, context, scene: hasher.finalize().to_hex().to_string() };
+    let chart = Ld09 { args, context, store, scene: hasher.finalize().to_hex().to_string() };
     let rows = chart.rows(asset, lights, views, true)?;
     let size = [args.size.0 as usize, args.size.1 as usize];
     if let Some(view) = views.first() {
@@ -132,6 +133,8 @@ fn less(a: &Image, b: &Image) -> Image {
 struct Ld09<'a> {
     args: &'a ChartArgs,
     context: &'a Context<'a>,
+    /// Where references are kept.
+    store: &'a Store,
     /// Digest of the geometry and materials that references are those of.
     scene: String,
 }
@@ -219,16 +222,9 @@ impl Ld09<'_> {
         hasher.update(bytemuck::cast_slice(light.cubemap.moment.as_flattened()));
         let [width, height] = picture.size;
         hasher.update(format!("ld09 {width} {height} {} {} {ALGORITHM_VERSION}", self.args.reference, bounces).as_bytes());
-        let path = self.args.output.join("references").join(format!("{}.ref", &hasher.finalize().to_hex()[..24]));
-        if let Some(kept) = std::fs::read(&path).ok().and_then(|bytes| KeptReference::from_bytes(&bytes, picture.size)) {
-            return Ok(kept);
-        }
-        let truth = truth.get_or_insert_with(|| Truth::new(asset, &light.environment, self.args.reference, bounces));
-        let before = process_seconds();
-        let images = truth.picture(&picture, self.context)?.images;
-        let kept = KeptReference { images, cpu_seconds: process_seconds() - before };
-        write_atomically(&path, |out| out.write_all(&kept.to_bytes()))?;
-        Ok(kept)
+        kept_or_traced(self.store, Digest(*hasher.finalize().as_bytes()), picture.size, || {
+            truth.get_or_insert_with(|| Truth::new(asset, &light.environment, self.args.reference, bounces)).picture(&picture, self.context)
+        })
     }
 
     /// The same bake with no slice left to its neighbours.

@@ -2,15 +2,19 @@
 
 use super::render::{Picture, Relit};
 use super::{Context, Failure, Summary};
+use prelight_bake::chart::process_seconds;
+use prelight_bake::chart::truth::KeptReference;
 use prelight_bake::reference::{ReferenceImages, ReferenceOptions, render_reference, render_targets};
 use prelight_bake::scene::Scene;
 use prelight_bake::scene::world::World;
 use prelight_bake::seal::scene_from_asset;
 use prelight_bake::trace::{OccluderOptions, Occluders};
+use prelight_manifests::Digest;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::draw::at_points::PointImage;
 use prelight_runtime::draw::metrics::unbiased_relative_l2;
 use prelight_runtime::environment::Environment;
+use prelight_store::Store;
 use std::time::Instant;
 
 /// An asset ready to be traced; holds nothing but what the asset has.
@@ -28,6 +32,23 @@ pub struct Truth<'a> {
 pub struct Traced {
     pub images: ReferenceImages,
     pub seconds: f64,
+}
+
+/// The images of a chart: those that the store keeps under `key`, or traced and kept.
+pub fn kept_or_traced(
+    store: &Store,
+    key: Digest,
+    size: [usize; 2],
+    trace: impl FnOnce() -> Result<Traced, Failure>,
+) -> Result<KeptReference, Failure> {
+    if let Some(kept) = KeptReference::find(store, &key, size)? {
+        return Ok(kept);
+    }
+    let before = process_seconds();
+    let images = trace()?.images;
+    let kept = KeptReference { images, cpu_seconds: process_seconds() - before };
+    kept.keep(store, key)?;
+    Ok(kept)
 }
 
 /// Leaves that suit single rays.

@@ -2,10 +2,11 @@
 //!
 //! ```text
 //! suffix[p][c·3 + a] = Σ_{q ≥ p} ∫_texel q  L_c ω_a dω        p = 0..=6n², suffix[6n²] = 0
+//! suffix[p][9 + m]     = Σ_{q ≥ p} ∫_texel q  Σ_c L_c ω_i ω_j dω    m: xx, yy, zz, xy, yz, zx
 //! ```
 //!
-//! along the Hilbert order, so that the vector irradiance of a run \[t₀, t₁) of open texels is suffix\[t₀\] − suffix\[t₁\]. One 64-byte line
-//! per position, nine of sixteen lanes used: 1.5 MiB at 64². Summed in f64, stored in f32: an entry is within 2⁻²⁴ of itself, so a
+//! along the Hilbert order, so that the vector irradiance of a run \[t₀, t₁) of open texels, and its second moments, are suffix\[t₀\] − suffix\[t₁\]. One
+//! 64-byte line per position, fifteen of sixteen lanes used: 1.5 MiB at 64². Summed in f64, stored in f32: an entry is within 2⁻²⁴ of itself, so a
 //! difference within about 6e-8 of all light that follows it.
 //!
 //! For glossy light: flux and unit direction of every texel in the same order, planar, and every block and cell as one light of its own, with
@@ -14,7 +15,10 @@
 use crate::environment::LightCubemap;
 use crate::sphere::cubemap::{BLOCK_TEXELS, CELL_TEXELS, row_major_from_hilbert, texel_solid_angle, texel_unit_direction};
 
-/// Sums of the light from a position on, `[channel · 3 + axis]` in the first nine lanes. W·m⁻².
+/// Lanes of a [`SuffixLine`] in use.
+pub(crate) const LANES: usize = 15;
+
+/// Sums of the light from a position on, `[channel · 3 + axis]` in the first nine lanes, second moments of the sum of the channels in the next six. W·m⁻².
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub struct SuffixLine(pub [f32; 16]);
@@ -96,10 +100,13 @@ impl Light {
     pub fn update(&mut self, cubemap: &LightCubemap) {
         let LightCubemap { flux, moment, .. } = cubemap;
         assert!(flux.len() == self.order.len() && moment.len() == self.order.len(), "texels of the light");
-        let mut sums = [0.0f64; 9];
+        let mut sums = [0.0f64; LANES];
         for (position, texel) in self.order.iter().enumerate().rev() {
             let texel = *texel as usize;
-            for (sum, value) in sums.iter_mut().zip(moment[texel].as_flattened()) {
+            let [x, y, z] = std::array::from_fn(|axis| self.flux.texels.direction[axis][position]);
+            let weight = flux[texel][0] + flux[texel][1] + flux[texel][2];
+            let second = [x * x, y * y, z * z, x * y, y * z, z * x].map(|product| weight * product);
+            for (sum, value) in sums.iter_mut().zip(moment[texel].as_flattened().iter().chain(&second)) {
                 *sum += f64::from(*value);
             }
             for (lane, sum) in self.suffix[position].0.iter_mut().zip(&sums) {

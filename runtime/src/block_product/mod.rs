@@ -19,7 +19,7 @@ pub(crate) mod lanes;
 pub mod light;
 pub mod visibility;
 
-pub use diffuse::{shade_diffuse, shade_diffuse_with};
+pub use diffuse::{shade_diffuse, shade_diffuse_with, shade_moments};
 pub use dispatch::SimdPath;
 pub use glossy::{Accuracy, GLOSSY_FLOOR, GLOSSY_TOLERANCE, Glossy, shade_glossy, shade_glossy_with, shade_lobes};
 pub use light::Light;

@@ -3,11 +3,12 @@
 //! Per fragment (a triangle in some samples of a pixel), at the centroid of its samples:
 //!
 //! ```text
-//! radiance = emissive + (1 − c·E_c(n_c·v)) · (base(n_b·v) · Σ wᵢ max(0, Eᵢ·n_b) + F0 · glossy[0] + F90 · glossy[1]) + c · coat
+//! radiance = emissive + (1 − c·E_c(n_c·v)) · (base(n_b·v) · Σ wᵢ Eᵢ(n_b) + F0 · glossy[0] + F90 · glossy[1]) + c · coat
 //! ```
 //!
-//! Eᵢ is the vector irradiance of a corner's point and wᵢ its weight: cut off corner by corner, since a sun that one of them sees below n_b
-//! would take the light of the others too. Glossy are the two Schlick terms, interpolated like it, lobes looked up again
+//! Eᵢ(n_b) is max(0, Eᵢ·n_b) of the vector irradiance of a corner's point, and wᵢ its weight: cut off corner by corner, since a sun that one
+//! of them sees below n_b would take the light of the others too. Where a normal map bends n_b, the light between the two horizons is added
+//! ([`crate::surface::lune`]). Glossy are the two Schlick terms, interpolated like it, lobes looked up again
 //! ([`crate::vmf_transfer::pixel`]); n_b is the interpolated shading normal bent by the normal map; base, F0, F90 and the clear coat c are those of
 //! [`crate::brdf::Surface`] (base/π · (1 − metal)(1 − E_d) for glTF). Corners without a point, and buried ones, leave the
 //! interpolation: the weights of the others grow to sum 1; a triangle with none left gets no light.
@@ -26,6 +27,7 @@ use crate::asset::mesh::{Lit, Mesh};
 use crate::asset::points::BURIED;
 use crate::brdf::{Measured, Place};
 use crate::error::RuntimeError;
+use crate::surface::lune::Lune;
 use crate::surface::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
 use crate::vmf_transfer::pixel::PixelLobes;
 use std::f32::consts::PI;
@@ -40,6 +42,8 @@ pub struct DrawObject<'a> {
     pub mesh: Mesh<'a>,
     /// `[points][channel][axis]` vector irradiance, W·m⁻².
     pub irradiance: &'a [[[f32; 3]; 3]],
+    /// `[points]` what bent normals need beside it. Empty: nothing is known.
+    pub lune: &'a [Lune],
     /// `[points][term][channel]` glossy radiance: the factor of F0, and the rest. Empty: none.
     pub glossy: &'a [[[f32; 3]; 2]],
     /// `[points][channel]` radiance of a whole clear coat. Empty: none.
@@ -120,6 +124,7 @@ pub(super) fn check_light(scene: &DrawScene) -> Result<(), RuntimeError> {
         let needed = object.mesh.n_points();
         let short = |len: usize, may_lack: bool| len < needed && !(may_lack && len == 0);
         if short(object.irradiance.len(), false)
+            || short(object.lune.len(), true)
             || short(object.glossy.len(), true)
             || short(object.coat.len(), true)
             || object.lobes.is_some_and(|own| short(own.lobes.len(), false))
@@ -337,7 +342,8 @@ impl<'a> Shader<'a> {
         let side = if gathered.edges.front { 1.0 } else { -1.0 };
         let front_normal = self.front_normal(gathered, weights);
         if self.scene.clay {
-            let light = self.light(gathered, light_weights, front_normal.map(|v| v * side));
+            let normal = front_normal.map(|v| v * side);
+            let light = self.light(gathered, light_weights, normal, normal);
             return (light.received.map(|e| e * (CLAY_ALBEDO / PI)), surface.alpha);
         }
         let tangent = match gathered.tangent_from_uv {
@@ -351,7 +357,7 @@ impl<'a> Shader<'a> {
         let bend = |bent: Option<[f32; 3]>| bent.map_or(front_normal, |bent| bend_normal(bent, front_normal, tangent));
         let place = surface.place(bend(surface.normal_tangent), bend(surface.coat_normal_tangent), tangent, side);
         let toward = view.map(|v| -v);
-        let light = self.light(gathered, light_weights, place.normal);
+        let light = self.light(gathered, light_weights, front_normal.map(|v| v * side), place.normal);
         (radiance(&surface, &place, toward, self.scene.tables, &light), surface.alpha)
     }
 
@@ -369,8 +375,8 @@ impl<'a> Shader<'a> {
         })
     }
 
-    /// Light from the corners that have a usable point, on a surface with this unit normal.
-    fn light(&self, gathered: &Gathered, weights: [f32; 3], normal: [f32; 3]) -> PointLight {
+    /// Light from the corners that have a usable point, on a surface with this unit normal and the unit normal that a map makes of it.
+    fn light(&self, gathered: &Gathered, weights: [f32; 3], normal: [f32; 3], bent: [f32; 3]) -> PointLight {
         let mut light = PointLight::default();
         let usable = |k: &usize| gathered.points[*k].n > 0;
         let sum: f32 = (0..3).filter(usable).map(|k| weights[k]).sum();
@@ -381,7 +387,8 @@ impl<'a> Shader<'a> {
             for (point, share) in gathered.points[k].iter() {
                 let weight = weight_of(k) * share;
                 let e = gathered.object.irradiance[point];
-                add(&mut light.received, e.map(|e| (e[0] * normal[0] + e[1] * normal[1] + e[2] * normal[2]).max(0.0)), weight);
+                let lune = gathered.object.lune.get(point).copied().unwrap_or_default();
+                add(&mut light.received, lune.irradiance(&e, normal, bent), weight);
                 if let Some(g) = gathered.object.glossy.get(point) {
                     (0..2).for_each(|term| add(&mut light.glossy[term], g[term], weight));
                 }

@@ -1,6 +1,7 @@
 //! Surfaces: materials and textures, the same code for drawing, the oracle, the reference and alpha cut-outs in a bake.
 
 pub mod detail;
+pub mod lune;
 pub mod material;
 pub mod resolve;
 pub mod texture;

@@ -1,13 +1,13 @@
 //! Indirect light at points: what other surfaces send, added to the direct light that [`crate::block_product`] computes exactly.
 //!
 //! ```text
-//! irradiance += n · Σ_j α_j light(μ_j, κ_j)                            n: the point's normal; along others it is too small by the cosine
+//! irradiance += n · Σ_j α_j light(μ_j, κ_j)                            n: the point's normal
 //! glossy     += Σ_j (1, grazing_j) α_j light(μ_j, κ_j)                 j over the blend of the three nearest slices
 //! ```
 //!
 //! Both go into the buffers that drawing reads, so base colour, metalness and F0 are applied per pixel.
 //!
-//! Lossy: irradiance has no direction of its own (a normal map bends it by the cosine only); between points glossy light is what
+//! Lossy: irradiance has no direction of its own (on the bent normals of a map it counts as coming evenly, [`crate::surface::lune`]); between points glossy light is what
 //! [`super::pixel`] makes of it; slices carry single scattering of as many bounces as were baked, and their interpolation error.
 
 use super::interpolate::{Blend, blend};
@@ -17,13 +17,24 @@ use super::transfer::{PointTransfer, Record, SLICE_LOBES, Transfer, TransferLobe
 use crate::block_product::Glossy;
 use crate::sphere::frame::tangents;
 use crate::sphere::icosahedron::Icosahedron;
+use crate::surface::lune::Lune;
 
-/// Adds indirect irradiance of every point of a patch, as a vector along its normal. All slices have one element a point.
-pub fn add_irradiance(light: &FilteredLight, transfer: &Transfer, normal: &[[f32; 3]], irradiance: &mut [[[f32; 3]; 3]]) {
+/// Adds indirect irradiance of every point of a patch, as a vector along its normal and to second moments. All slices have one element a
+/// point, `second` may have none.
+pub fn add_irradiance(
+    light: &FilteredLight,
+    transfer: &Transfer,
+    normal: &[[f32; 3]],
+    irradiance: &mut [[[f32; 3]; 3]],
+    second: &mut [[f32; 6]],
+) {
     for i in 0..transfer.len() {
         let received = radiance_of(light, transfer.point(i).irradiance);
         for c in 0..3 {
             (0..3).for_each(|k| irradiance[i][c][k] += received[c] * normal[i][k]);
+        }
+        if let Some(second) = second.get_mut(i) {
+            Lune::add_even(second, received);
         }
     }
 }
@@ -147,7 +158,7 @@ mod tests {
             assert_eq!(glossy[1], [[0.0; 3]; 2]);
         }
         let mut irradiance = [[[0.0; 3]; 3]; 2];
-        add_irradiance(&light, &transfer, &normal, &mut irradiance);
+        add_irradiance(&light, &transfer, &normal, &mut irradiance, &mut []);
         let along: f32 = (0..3).map(|k| irradiance[0][0][k] * normal[0][k]).sum();
         assert!((along / (0.25 * (1.0 + mean)) - 1.0).abs() < 0.01, "{along}");
         assert_eq!(irradiance[1], [[0.0; 3]; 3]);

@@ -13,7 +13,7 @@ mod parts;
 mod runs;
 
 use super::dispatch::SimdPath;
-use super::light::Light;
+use super::light::{LANES, Light};
 use super::visibility::Visibility;
 
 /// Vector irradiance `[channel][axis]` of every point of a patch, W·m⁻²; its dot product with a normal is the irradiance there.
@@ -26,13 +26,20 @@ pub fn shade_diffuse(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3
 
 /// [`shade_diffuse`] with chosen instructions; falls back where the CPU lacks them.
 pub fn shade_diffuse_with(path: SimdPath, light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+    shade_moments(path, light, visibility, out, &mut []);
+}
+
+/// [`shade_diffuse_with`], and of the sum of the channels the second moments ∫ L ω ωᵀ over what is open, as xx, yy, zz, xy, yz, zx, W·m⁻²: bent
+/// normals want them ([`crate::surface::lune`]). `second` has one element per point, or none. Costs no more: the sums lie beside the others.
+pub fn shade_moments(path: SimdPath, light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     assert_eq!(out.len(), visibility.len(), "one result per point");
+    assert!(second.is_empty() || second.len() == out.len(), "moments of every point, or of none");
     assert_eq!(light.face_resolution(), visibility.face_resolution(), "light and visibility of the same cubemap");
-    runs::sum(path.available(), light, visibility, out);
-    parts::add(path.available(), light, visibility, out);
+    runs::sum(path.available(), light, visibility, out, second);
+    parts::add(path.available(), light, visibility, out, second);
 }
 
 /// The four accumulators as one.
-fn total(sums: &[[f32; 9]; 4]) -> [f32; 9] {
+fn total(sums: &[[f32; LANES]; 4]) -> [f32; LANES] {
     std::array::from_fn(|lane| (sums[0][lane] + sums[1][lane]) + (sums[2][lane] + sums[3][lane]))
 }

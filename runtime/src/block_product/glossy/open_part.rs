@@ -1,17 +1,17 @@
 //! The open part of a block as one light.
 //!
-//! The suffix sums that give diffuse light give its first moment M_c = Σ_open L_c ω for one line per transition, so its flux and its mean
-//! direction,
+//! The suffix sums that give diffuse light give its first moment M_c = Σ_open L_c ω and, as the trace of its second moments, its flux φ summed
+//! over the channels, for one line per transition: so its mean direction, and the flux of each channel,
 //!
 //! ```text
-//! d = Σ_c M_c / |Σ_c M_c|        flux_c = M_c · d · (1 + s),        s: half the mean square distance of the light from d
+//! d = Σ_c M_c / |Σ_c M_c|        flux_c = M_c · d · φ / |Σ_c M_c|
 //! ```
 //!
 //! What one sample at d can miss is bounded as that of the whole block: Σ_open w |l − d|² is at most the same sum over the block about the
-//! block's own mean. s is not known, only that of the whole block; [`LIKELY`] of it is taken.
+//! block's own mean.
 //!
-//! Lossy: s, by less than half a percent of the block's light; and the sums' rounding, 6e-8 of all light a transition, which is why
-//! blocks with less than [`LEAST`] of all light are not taken this way.
+//! Lossy: how channels differ in spread about d; and the sums' rounding, 6e-8 of all light a transition, which is why blocks with less than
+//! [`LEAST`] of all light are not taken this way.
 
 use super::super::lanes::{Lanes, WIDTH};
 use super::super::light::SuffixLine;
@@ -19,8 +19,6 @@ use super::super::visibility::PointVisibility;
 use super::seen::Seen;
 use crate::sphere::cubemap::BLOCK_TEXELS;
 
-/// Share of a block's spread that its open part has: between that of a half and of the whole.
-const LIKELY: f32 = 0.7;
 /// Share of all light below which a block's sums are too coarse.
 pub const LEAST: f32 = 1e-4;
 
@@ -28,17 +26,17 @@ pub const LEAST: f32 = 1e-4;
 pub struct OpenParts {
     /// `[channel · 3 + axis][part]`
     moment: [[f32; WIDTH]; 9],
-    /// Of the whole block.
-    spread: [f32; WIDTH],
+    /// Sum over the channels.
+    flux: [f32; WIDTH],
     pub len: usize,
 }
 
 impl OpenParts {
-    pub const NONE: OpenParts = OpenParts { moment: [[0.0; WIDTH]; 9], spread: [0.0; WIDTH], len: 0 };
+    pub const NONE: OpenParts = OpenParts { moment: [[0.0; WIDTH]; 9], flux: [0.0; WIDTH], len: 0 };
 
     /// Puts the open part of a mixed block behind the others.
     #[inline(always)]
-    pub fn push<L: Lanes>(&mut self, lanes: L, seen: &Seen, block: usize, point: &PointVisibility, suffix: &[SuffixLine], spread: f32) {
+    pub fn push<L: Lanes>(&mut self, lanes: L, seen: &Seen, block: usize, point: &PointVisibility, suffix: &[SuffixLine]) {
         let lines = &suffix[BLOCK_TEXELS * block..=BLOCK_TEXELS * (block + 1)];
         let line = |position: usize| lanes.load(&lines[position].0);
         let (positions, before) = seen.transitions(block, point);
@@ -63,7 +61,7 @@ impl OpenParts {
         for (moments, moment) in self.moment.iter_mut().zip(sum) {
             moments[self.len] = moment;
         }
-        self.spread[self.len] = spread;
+        self.flux[self.len] = sum[9] + sum[10] + sum[11];
         self.len += 1;
     }
 
@@ -79,7 +77,7 @@ impl OpenParts {
         let root = lanes.quick_root(lanes.select(some, square, lanes.splat(1.0)));
         let inverse = lanes.keep(some, lanes.reciprocal(root));
         let d = [lanes.mul(x, inverse), lanes.mul(y, inverse), lanes.mul(z, inverse)];
-        let whole = lanes.fma(lanes.load(&self.spread), lanes.splat(0.5 * LIKELY), lanes.splat(1.0));
+        let whole = lanes.mul(lanes.load(&self.flux), inverse);
         let flux = |channel: usize| {
             let along = lanes.fma(moment(channel, 2), d[2], lanes.fma(moment(channel, 1), d[1], lanes.mul(moment(channel, 0), d[0])));
             lanes.mul(along, whole)

@@ -66,7 +66,7 @@ impl<const ENERGY: bool> Over<'_, ENERGY> {
             while let (true, Some(point)) = (single != 0, self.point) {
                 let block = WIDTH * group + single.trailing_zeros() as usize;
                 single &= single - 1;
-                open_parts.push(lanes, self.seen, block, point, self.suffix, light.blocks.spread[block]);
+                open_parts.push(lanes, self.seen, block, point, self.suffix);
                 if open_parts.len == WIDTH {
                     add(parts.sum_parts(lanes, &open_parts));
                     open_parts.clear();

@@ -15,14 +15,14 @@ const LINE_BYTES: u32 = size_of::<SuffixLine>() as u32;
 
 const _: () = assert!(STREAM_PADDING >= 32);
 
-pub(super) fn add_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+pub(super) fn add_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     // SAFETY: called only where `SimdPath::available` found AVX-512 F, BW, DQ and VL.
-    unsafe { add_patch_avx512(light, visibility, out) }
+    unsafe { add_patch_avx512(light, visibility, out, second) }
 }
 
-pub(super) fn add_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+pub(super) fn add_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     // SAFETY: called only where `SimdPath::available` found AVX2.
-    unsafe { add_patch_avx2(light, visibility, out) }
+    unsafe { add_patch_avx2(light, visibility, out, second) }
 }
 
 /// Byte offsets of lines of the suffix table.
@@ -106,7 +106,7 @@ unsafe fn for_each_part(
 struct Weights([f32; PIECE_CAPACITY]);
 
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
-unsafe fn add_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+unsafe fn add_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     let table: &[SuffixLine] = &light.suffix;
     let mut lines = Lines([0; PIECE_CAPACITY]);
     let mut weights = Weights([0.0; PIECE_CAPACITY]);
@@ -147,24 +147,28 @@ unsafe fn add_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [[[
         unsafe { for_each_part(fractions, &mut lines, &mut weights, widen, convert, sum) };
         let all = _mm512_add_ps(_mm512_add_ps(sums[0], sums[1]), _mm512_add_ps(sums[2], sums[3]));
         let all = _mm512_mul_ps(all, _mm512_set1_ps(1.0 / fractions.steps as f32));
-        // SAFETY: nine of sixteen lanes, of and into nine floats.
+        // SAFETY: nine of sixteen lanes, of and into nine floats; the next six, of and into six.
         unsafe {
             let runs = _mm512_maskz_loadu_ps(0x1ff, out.as_ptr().cast());
             _mm512_mask_storeu_ps(out.as_mut_ptr().cast(), 0x1ff, _mm512_add_ps(runs, all));
+            if let Some(second) = second.get_mut(point) {
+                let runs = _mm512_maskz_expandloadu_ps(0x7e00, second.as_ptr().cast());
+                _mm512_mask_compressstoreu_ps(second.as_mut_ptr().cast(), 0x7e00, _mm512_add_ps(runs, all));
+            }
         }
     }
 }
 
 #[target_feature(enable = "avx2,fma")]
-unsafe fn add_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+unsafe fn add_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     let table: &[SuffixLine] = &light.suffix;
     let mut lines = Lines([0; PIECE_CAPACITY]);
     let mut weights = Weights([0.0; PIECE_CAPACITY]);
     for (point, out) in out.iter_mut().enumerate() {
         let Some(fractions) = visibility.point(point).fractions else { return };
-        // The first eight lanes, and the ninth.
+        // The first eight lanes, and the other eight.
         let mut sums = [_mm256_setzero_ps(); 4];
-        let mut ninths = [_mm_setzero_ps(); 4];
+        let mut lasts = [_mm256_setzero_ps(); 4];
         let widen = |from: *const u8, base: u32, to: *mut u32| {
             let base = _mm256_set1_epi32(base as i32);
             for part in 0..4 {
@@ -196,8 +200,8 @@ unsafe fn add_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f3
                         let to = from.add(16);
                         let texel = _mm256_sub_ps(_mm256_load_ps(from), _mm256_load_ps(to));
                         sums[k] = _mm256_add_ps(sums[k], _mm256_mul_ps(_mm256_set1_ps(weights[k]), texel));
-                        let texel = _mm_sub_ss(_mm_load_ss(from.add(8)), _mm_load_ss(to.add(8)));
-                        ninths[k] = _mm_add_ss(ninths[k], _mm_mul_ss(_mm_set_ss(weights[k]), texel));
+                        let texel = _mm256_sub_ps(_mm256_load_ps(from.add(8)), _mm256_load_ps(to.add(8)));
+                        lasts[k] = _mm256_add_ps(lasts[k], _mm256_mul_ps(_mm256_set1_ps(weights[k]), texel));
                     }
                 }
             }
@@ -211,7 +215,13 @@ unsafe fn add_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f3
             let runs = _mm256_loadu_ps(out.as_ptr().cast());
             _mm256_storeu_ps(out.as_mut_ptr().cast(), _mm256_add_ps(runs, _mm256_mul_ps(all, _mm256_set1_ps(step))));
         }
-        let all = _mm_add_ss(_mm_add_ss(ninths[0], ninths[1]), _mm_add_ss(ninths[2], ninths[3]));
-        out[2][2] += _mm_cvtss_f32(_mm_mul_ss(all, _mm_set_ss(step)));
+        let all = _mm256_add_ps(_mm256_add_ps(lasts[0], lasts[1]), _mm256_add_ps(lasts[2], lasts[3]));
+        let mut last = [0.0; 8];
+        // SAFETY: eight floats of eight.
+        unsafe { _mm256_storeu_ps(last.as_mut_ptr(), _mm256_mul_ps(all, _mm256_set1_ps(step))) };
+        out[2][2] += last[0];
+        if let Some(second) = second.get_mut(point) {
+            second.iter_mut().zip(&last[1..]).for_each(|(sum, part)| *sum += part);
+        }
     }
 }

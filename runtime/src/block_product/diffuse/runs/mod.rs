@@ -8,7 +8,7 @@ pub(super) mod simd;
 
 use super::total;
 use crate::block_product::dispatch::SimdPath;
-use crate::block_product::light::Light;
+use crate::block_product::light::{LANES, Light};
 use crate::block_product::visibility::Visibility;
 use crate::sphere::cubemap::BLOCK_TEXELS;
 
@@ -20,26 +20,26 @@ const PART_WORDS: usize = PART_BLOCKS / 32;
 const PART_TEXELS: usize = PART_BLOCKS * BLOCK_TEXELS;
 
 /// Writes the sums of every point of a patch.
-pub(super) fn sum(path: SimdPath, light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+pub(super) fn sum(path: SimdPath, light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     match path {
         #[cfg(target_arch = "x86_64")]
-        SimdPath::Avx512 => simd::sum_avx512(light, visibility, out),
+        SimdPath::Avx512 => simd::sum_avx512(light, visibility, out, second),
         #[cfg(target_arch = "x86_64")]
-        SimdPath::Avx2 => simd::sum_avx2(light, visibility, out),
-        _ => sum_scalar(light, visibility, out),
+        SimdPath::Avx2 => simd::sum_avx2(light, visibility, out, second),
+        _ => sum_scalar(light, visibility, out, second),
     }
 }
 
-fn sum_scalar(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+fn sum_scalar(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     let texels = light.suffix.len() - 1;
-    for (point, out) in out.iter_mut().enumerate() {
-        let mut sums = [[0.0f32; 9]; 4];
+    for (at, out) in out.iter_mut().enumerate() {
+        let mut sums = [[0.0f32; LANES]; 4];
         let (mut pair, mut part) = (0, 0);
         let mut add = |pair: usize, from: usize, to: usize| {
             let (from, to) = (&light.suffix[from].0, &light.suffix[to].0);
-            (0..9).for_each(|lane| sums[pair % 4][lane] += from[lane] - to[lane]);
+            (0..LANES).for_each(|lane| sums[pair % 4][lane] += from[lane] - to[lane]);
         };
-        let point = visibility.point(point);
+        let point = visibility.point(at);
         let mut transitions = point.base_transitions();
         while let Some(begin) = transitions.next() {
             let end = transitions.next().unwrap_or(texels);
@@ -53,6 +53,10 @@ fn sum_scalar(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]])
                 add(0, part, end.min(part + PART_TEXELS));
             }
         }
-        out.as_flattened_mut().copy_from_slice(&total(&sums));
+        let total = total(&sums);
+        out.as_flattened_mut().copy_from_slice(&total[..9]);
+        if let Some(second) = second.get_mut(at) {
+            second.copy_from_slice(&total[9..]);
+        }
     }
 }

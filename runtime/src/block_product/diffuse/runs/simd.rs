@@ -22,14 +22,14 @@ type Lines = MaybeUninit<[u16; PART_TEXELS + 1 + TURN + WIDE]>;
 /// First line of each block with transitions, and what the last wide store overruns.
 type Blocks = MaybeUninit<[u32; PART_BLOCKS + 16]>;
 
-pub(super) fn sum_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+pub(super) fn sum_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     // SAFETY: called only where `SimdPath::available` found AVX-512 F, BW, DQ and VL.
-    unsafe { sum_patch_avx512(light, visibility, out) }
+    unsafe { sum_patch_avx512(light, visibility, out, second) }
 }
 
-pub(super) fn sum_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+pub(super) fn sum_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     // SAFETY: called only where `SimdPath::available` found AVX2.
-    unsafe { sum_patch_avx2(light, visibility, out) }
+    unsafe { sum_patch_avx2(light, visibility, out, second) }
 }
 
 /// Sums one point: `list` stores the first lines of a mask's blocks and returns their number, `widen` stores the lines of [`WIDE`] positions
@@ -86,7 +86,7 @@ fn offsets(word: u64) -> [usize; 4] {
 const _: () = assert!(size_of::<SuffixLine>() == 1 << 6);
 
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,bmi1,bmi2,popcnt")]
-unsafe fn sum_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+unsafe fn sum_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     let table: *const SuffixLine = light.suffix.as_ptr();
     for (point, out) in out.iter_mut().enumerate() {
         let list = |mask: &[u32; PART_WORDS], to: *mut u32| {
@@ -124,13 +124,18 @@ unsafe fn sum_patch_avx512(light: &Light, visibility: &Visibility, out: &mut [[[
         // SAFETY: a parsed chunk of this cubemap (checked by the caller); the features are on.
         unsafe { sum_point(visibility, point, list, widen, sum) };
         let total = _mm512_add_ps(_mm512_add_ps(sums[0], sums[1]), _mm512_add_ps(sums[2], sums[3]));
-        // SAFETY: nine of sixteen lanes into nine floats.
-        unsafe { _mm512_mask_storeu_ps(out.as_mut_ptr().cast(), 0x1ff, total) };
+        // SAFETY: nine of sixteen lanes into nine floats, the next six into six.
+        unsafe {
+            _mm512_mask_storeu_ps(out.as_mut_ptr().cast(), 0x1ff, total);
+            if let Some(second) = second.get_mut(point) {
+                _mm512_mask_compressstoreu_ps(second.as_mut_ptr().cast(), 0x7e00, total);
+            }
+        }
     }
 }
 
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-unsafe fn sum_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]]) {
+unsafe fn sum_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     let table: *const SuffixLine = light.suffix.as_ptr();
     for (point, out) in out.iter_mut().enumerate() {
         let list = |mask: &[u32; PART_WORDS], to: *mut u32| {
@@ -155,9 +160,9 @@ unsafe fn sum_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f3
                 }
             }
         };
-        // The first eight lanes, and the ninth.
+        // The first eight lanes, and the other eight.
         let mut sums = [_mm256_setzero_ps(); 4];
-        let mut ninths = [_mm_setzero_ps(); 4];
+        let mut lasts = [_mm256_setzero_ps(); 4];
         let sum = |first: usize, lines: *const u16, count: usize| {
             for at in (0..count).step_by(TURN) {
                 // SAFETY: lines up to the end of the turn are written; each is one of its part of the table, whose rows are 64-byte aligned.
@@ -169,7 +174,7 @@ unsafe fn sum_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f3
                             [[line[0], line[1]], [line[2], line[3]]].into_iter().enumerate().map(|(k, pair)| (2 * half + k, pair))
                         {
                             sums[k] = _mm256_add_ps(sums[k], _mm256_sub_ps(_mm256_load_ps(from), _mm256_load_ps(to)));
-                            ninths[k] = _mm_add_ss(ninths[k], _mm_sub_ss(_mm_load_ss(from.add(8)), _mm_load_ss(to.add(8))));
+                            lasts[k] = _mm256_add_ps(lasts[k], _mm256_sub_ps(_mm256_load_ps(from.add(8)), _mm256_load_ps(to.add(8))));
                         }
                     }
                 }
@@ -178,9 +183,15 @@ unsafe fn sum_patch_avx2(light: &Light, visibility: &Visibility, out: &mut [[[f3
         // SAFETY: a parsed chunk of this cubemap (checked by the caller); the features are on.
         unsafe { sum_point(visibility, point, list, widen, sum) };
         let total = _mm256_add_ps(_mm256_add_ps(sums[0], sums[1]), _mm256_add_ps(sums[2], sums[3]));
-        let ninth = _mm_add_ss(_mm_add_ss(ninths[0], ninths[1]), _mm_add_ss(ninths[2], ninths[3]));
-        // SAFETY: eight floats of the nine.
-        unsafe { _mm256_storeu_ps(out.as_mut_ptr().cast(), total) };
-        out[2][2] = _mm_cvtss_f32(ninth);
+        let mut last = [0.0; 8];
+        // SAFETY: eight floats of the nine; eight of eight.
+        unsafe {
+            _mm256_storeu_ps(out.as_mut_ptr().cast(), total);
+            _mm256_storeu_ps(last.as_mut_ptr(), _mm256_add_ps(_mm256_add_ps(lasts[0], lasts[1]), _mm256_add_ps(lasts[2], lasts[3])));
+        }
+        out[2][2] = last[0];
+        if let Some(second) = second.get_mut(point) {
+            second.copy_from_slice(&last[1..7]);
+        }
     }
 }
