@@ -76,9 +76,9 @@ fn a_chart_stops_resumes_and_says_what_each_technique_costs_and_errs() {
         let at_points = |technique, budget| error(find(technique, budget), "points_relative_l2");
         // The plain sum is the oracle's but for f32; what is dropped costs what is expected of it.
         assert!(at_points("block_product", "tolerance 0") < 1e-4, "{cell:?}");
-        assert!(at_points("block_product", "tolerance 0.001") < at_points("block_product", "tolerance 0.1"), "{cell:?}");
+        assert!(at_points("block_product", "fine, 0.001") < at_points("block_product", "tolerance 0.3"), "{cell:?}");
         assert!(at_points("haar_triple", "10 %") < at_points("haar_triple", "1 %"), "{cell:?}");
-        assert!(at_points("sh_product", "25 coefficients") > 10.0 * at_points("block_product", "tolerance 0.01"), "{cell:?}");
+        assert!(at_points("sh_product", "25 coefficients") > 10.0 * at_points("block_product", "display, 0.02"), "{cell:?}");
         assert!(cell.iter().any(|row| row["pareto_points"] == true) && cell.iter().any(|row| row["pareto_bytes"] == true));
         // What is exact does not flicker; 25 harmonics do, more or less.
         if at % 3 > 0 {
@@ -104,8 +104,15 @@ fn a_chart_stops_resumes_and_says_what_each_technique_costs_and_errs() {
     assert!(["http:", "https:", "<link", "src=\"/", "@import"].iter().all(|outside| !own.contains(outside)), "nothing from elsewhere");
     assert!(read("02-moving-light-temporal.svg").contains("Flicker"));
     assert!(page.contains("held back") && read("02-picture.svg").contains("path tracer at equal error"));
-    let references = std::fs::read_dir(out.join("references")).unwrap().count();
-    assert_eq!(references, 4, "two references and their pictures");
+
+    // References are records of the store: a cell that is made again finds its own there.
+    let ledger = || std::fs::read_dir(out.join(".prelight/ledger")).unwrap().count();
+    let before = ledger();
+    let cell = std::fs::read_dir(&cells).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().is_some_and(|e| e == "json"));
+    std::fs::remove_file(cell.unwrap()).unwrap();
+    let third = summary(&chart(folder.path()).output().unwrap().stdout);
+    assert_eq!((&third["charts"]["kept"], &third["charts"]["made"]), (&1.into(), &1.into()), "{third}");
+    assert_eq!(ledger(), before);
 }
 
 /// The paper's tables on the same room: shares sum to 100, and its algorithm does what it says.

@@ -9,7 +9,7 @@ use prelight_runtime::block_product::brdf::PointLobe;
 use prelight_runtime::block_product::{Accuracy, Glossy, Light, SimdPath, shade_diffuse_with, shade_lobes, shade_moments};
 use prelight_runtime::brdf::{Lobe, Measured, blinn_phong, ggx};
 use prelight_runtime::environment::LightCubemap;
-use prelight_runtime::surface::lune::Lune;
+use prelight_runtime::surface::lune::{Bend, Lune};
 
 /// The accuracy is an aim; over these cases no result is farther off than so many times of it.
 const WORST_OF_AIM: f64 = 24.0;
@@ -303,7 +303,7 @@ fn bent_normals_get_the_light_of_the_lune_between_the_two_horizons() {
                 let along = |v: [f32; 3]| (0..3).map(|axis| f64::from(v[axis]) * bent[axis]).sum::<f64>();
                 let seen = texels.moment.iter().enumerate().filter(|(t, _)| open[t / 64] >> (t % 64) & 1 == 1);
                 let truth: f64 = seen.map(|(_, moment)| along(moment[1]).max(0.0)).sum();
-                let got = f64::from(lune.irradiance(&vector[0], normal, bent.map(|x| x as f32))[1]);
+                let got = f64::from(lune.irradiance(&vector[0], &Bend::new(normal, bent.map(|x| x as f32)))[1]);
                 let alone = along(vector[0][1]).max(0.0);
                 assert!(got.is_finite() && got >= alone * (1.0 - 1e-5), "{name} {degrees}: {got} {alone}");
                 (with, without, all) = (with + (got - truth).powi(2), without + (alone - truth).powi(2), all + truth.powi(2));

@@ -107,7 +107,7 @@ const MOVING: [Axes; 2] = [
 
 /// What stands beside a mark.
 fn short(budget: &str) -> String {
-    budget.replace("tolerance ", "").replace(" coefficients", "")
+    budget.replace("tolerance ", "").replace(", ", " ").replace(" coefficients", "")
 }
 
 /// What hovering says.

@@ -6,8 +6,9 @@ use prelight_runtime::asset::AssetPatch;
 use prelight_runtime::baseline::dense::{self, PixelLight};
 use prelight_runtime::baseline::haar_triple::{HaarProjector, HaarTree, LobeSampler, VisibilityTree, kept_coefficients, triple_product};
 use prelight_runtime::baseline::sh_product::{self, ShLight, ShPoints, VisibilityProjector};
+use prelight_runtime::block_product::brdf::PointLobe;
 use prelight_runtime::block_product::visibility::open_words;
-use prelight_runtime::block_product::{Glossy, Light, SimdPath, shade_diffuse, shade_glossy_with};
+use prelight_runtime::block_product::{Glossy, Light, SimdPath, shade_diffuse, shade_glossy_with, shade_lobes};
 use prelight_runtime::environment::LightCubemap;
 use prelight_runtime::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use prelight_runtime::vmf_transfer::FilteredLight;
@@ -213,11 +214,12 @@ impl Shader {
         let mut projection = 0.0;
         let is_lit = self.only_view_moved && technique.keeps_diffuse();
         match (technique, light, baked) {
-            (Technique::BlockProduct { tolerance }, PreparedLight::Blocks(light), BakedPatch::Chunk) => {
+            (Technique::BlockProduct { accuracy }, PreparedLight::Blocks(light), BakedPatch::Chunk) => {
                 if !is_lit {
                     shade_diffuse(light, &visibility, &mut out.irradiance);
                 }
-                shade_glossy_with(self.path, tolerance, light, position, &surfaces, &visibility, eye, &mut out.glossy);
+                let lobe = |i: usize| PointLobe::ggx(surfaces.normal[i], surfaces.roughness[i]);
+                shade_lobes(self.path, accuracy, light, position, lobe, &visibility, eye, &mut out.glossy);
             }
             (Technique::PixelSums, PreparedLight::Pixels(light), BakedPatch::Bits(open)) => {
                 if !is_lit {

@@ -1,14 +1,15 @@
 //! What is charted.
 
 use prelight_runtime::asset::Asset;
+use prelight_runtime::block_product::Accuracy;
 
 /// A technique at one budget.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Technique {
-    /// Block products: exact diffuse, glossy to a relative tolerance.
+    /// Block products: exact diffuse, glossy to an accuracy.
     BlockProduct {
-        /// See `block_product::GLOSSY_TOLERANCE`; 0 is the plain sum.
-        tolerance: f32,
+        /// A relative 0 is the plain sum.
+        accuracy: Accuracy,
     },
     /// Sums over texels: tiled SIMD for diffuse, over the open texels for glossy.
     PixelSums,
@@ -29,17 +30,25 @@ pub enum Technique {
 impl Technique {
     /// All that show direct light, in the order of tables.
     pub const ALL: [Technique; 10] = [
-        Technique::BlockProduct { tolerance: 1e-1 },
-        Technique::BlockProduct { tolerance: 1e-2 },
-        Technique::BlockProduct { tolerance: 1e-3 },
-        Technique::BlockProduct { tolerance: 1e-4 },
-        Technique::BlockProduct { tolerance: 0.0 },
+        Technique::block_product(0.3, Accuracy::DISPLAY.floor),
+        Technique::block_product(Accuracy::DISPLAY.relative, Accuracy::DISPLAY.floor),
+        Technique::block_product(Accuracy::FINE.relative, Accuracy::FINE.floor),
+        Technique::block_product(1e-4, Accuracy::FINE.floor),
+        Technique::PLAIN,
         Technique::PixelSums,
         Technique::HaarTriple { share: 0.01 },
         Technique::HaarTriple { share: 0.1 },
         Technique::ShProduct { bands: 5 },
         Technique::ShProduct { bands: 10 },
     ];
+
+    /// Block products without any tolerance: the exact sum in f32.
+    pub const PLAIN: Technique = Technique::block_product(0.0, Accuracy::FINE.floor);
+
+    /// Block products to [`Accuracy`] `relative` and `floor`.
+    pub const fn block_product(relative: f32, floor: f32) -> Technique {
+        Technique::BlockProduct { accuracy: Accuracy { relative, floor } }
+    }
 
     /// What can be charted of an asset: [`Technique::ALL`], and lobes where there are any.
     pub fn of(asset: &Asset) -> Vec<Technique> {
@@ -71,7 +80,11 @@ impl Technique {
     /// Its budget, as tables print it.
     pub fn budget(&self) -> String {
         match self {
-            Technique::BlockProduct { tolerance } => format!("tolerance {tolerance}"),
+            Technique::BlockProduct { accuracy } => match *accuracy {
+                Accuracy::DISPLAY => format!("display, {}", accuracy.relative),
+                Accuracy::FINE => format!("fine, {}", accuracy.relative),
+                _ => format!("tolerance {}", accuracy.relative),
+            },
             Technique::PixelSums => "all texels".to_string(),
             Technique::HaarTriple { share } => format!("{} %", 100.0 * share),
             Technique::ShProduct { bands } => format!("{} coefficients", bands * bands),

@@ -26,7 +26,7 @@ use prelight_bake::progress::Stage;
 use prelight_manifests::Digest;
 use prelight_manifests::version::ALGORITHM_VERSION;
 use prelight_runtime::asset::Asset;
-use prelight_runtime::block_product::SimdPath;
+use prelight_runtime::block_product::{Accuracy, SimdPath};
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{compare, unbiased_relative_l2};
 use prelight_runtime::draw::tonemap::automatic_exposure;
@@ -208,10 +208,10 @@ impl Chart<'_> {
         exposure: f32,
     ) -> Result<(), Failure> {
         let progress = self.context.progress();
-        let plain = Technique::BlockProduct { tolerance: 0.0 };
+        let plain = Technique::PLAIN;
         // What is exact does not flicker, and converting visibility for the dear ones takes minutes.
         let is_drawn = |technique: &Technique| match technique {
-            Technique::BlockProduct { tolerance } => *tolerance >= 1e-2,
+            Technique::BlockProduct { accuracy } => accuracy.relative >= Accuracy::DISPLAY.relative,
             Technique::ShProduct { bands } => *bands <= 5,
             Technique::VmfTransfer => true,
             Technique::PixelSums | Technique::HaarTriple { .. } => false,

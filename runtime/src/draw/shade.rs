@@ -27,7 +27,7 @@ use crate::asset::mesh::{Lit, Mesh};
 use crate::asset::points::BURIED;
 use crate::brdf::{Measured, Place};
 use crate::error::RuntimeError;
-use crate::surface::lune::Lune;
+use crate::surface::lune::{Bend, Lune};
 use crate::surface::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
 use crate::vmf_transfer::pixel::PixelLobes;
 use std::f32::consts::PI;
@@ -343,7 +343,7 @@ impl<'a> Shader<'a> {
         let front_normal = self.front_normal(gathered, weights);
         if self.scene.clay {
             let normal = front_normal.map(|v| v * side);
-            let light = self.light(gathered, light_weights, normal, normal);
+            let light = self.light(gathered, light_weights, &Bend::new(normal, normal));
             return (light.received.map(|e| e * (CLAY_ALBEDO / PI)), surface.alpha);
         }
         let tangent = match gathered.tangent_from_uv {
@@ -357,7 +357,7 @@ impl<'a> Shader<'a> {
         let bend = |bent: Option<[f32; 3]>| bent.map_or(front_normal, |bent| bend_normal(bent, front_normal, tangent));
         let place = surface.place(bend(surface.normal_tangent), bend(surface.coat_normal_tangent), tangent, side);
         let toward = view.map(|v| -v);
-        let light = self.light(gathered, light_weights, front_normal.map(|v| v * side), place.normal);
+        let light = self.light(gathered, light_weights, &Bend::new(front_normal.map(|v| v * side), place.normal));
         (radiance(&surface, &place, toward, self.scene.tables, &light), surface.alpha)
     }
 
@@ -375,8 +375,8 @@ impl<'a> Shader<'a> {
         })
     }
 
-    /// Light from the corners that have a usable point, on a surface with this unit normal and the unit normal that a map makes of it.
-    fn light(&self, gathered: &Gathered, weights: [f32; 3], normal: [f32; 3], bent: [f32; 3]) -> PointLight {
+    /// Light from the corners that have a usable point, on a surface with this normal.
+    fn light(&self, gathered: &Gathered, weights: [f32; 3], bend: &Bend) -> PointLight {
         let mut light = PointLight::default();
         let usable = |k: &usize| gathered.points[*k].n > 0;
         let sum: f32 = (0..3).filter(usable).map(|k| weights[k]).sum();
@@ -388,7 +388,7 @@ impl<'a> Shader<'a> {
                 let weight = weight_of(k) * share;
                 let e = gathered.object.irradiance[point];
                 let lune = gathered.object.lune.get(point).copied().unwrap_or_default();
-                add(&mut light.received, lune.irradiance(&e, normal, bent), weight);
+                add(&mut light.received, lune.irradiance(&e, bend), weight);
                 if let Some(g) = gathered.object.glossy.get(point) {
                     (0..2).for_each(|term| add(&mut light.glossy[term], g[term], weight));
                 }

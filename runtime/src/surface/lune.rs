@@ -47,6 +47,28 @@ pub fn is_bent(patch: &AssetPatch, materials: &[Material]) -> bool {
     patch.surfaces().material.iter().any(|material| materials[*material as usize].normal_texture.is_some())
 }
 
+/// A normal, and what a map makes of it; the same for all points that light a place.
+#[derive(Clone, Copy, Debug)]
+pub struct Bend {
+    normal: [f32; 3],
+    bent: [f32; 3],
+    cosine: f32,
+    /// Where it is bent to, along the surface, and the polynomial of the lune; `None` where nothing is bent.
+    aside: Option<([f32; 3], [f32; TERMS])>,
+}
+
+impl Bend {
+    /// From two unit vectors.
+    pub fn new(normal: [f32; 3], bent: [f32; 3]) -> Self {
+        let cosine = dot(normal, bent);
+        let aside: [f32; 3] = std::array::from_fn(|axis| bent[axis] - cosine * normal[axis]);
+        let sine = dot(aside, aside).sqrt();
+        // A ten-thousandth of a radian bends nothing, and has no direction.
+        let aside = (sine >= 1e-4).then(|| (aside.map(|x| x / sine), polynomial(cosine)));
+        Bend { normal, bent, cosine, aside }
+    }
+}
+
 /// What a point keeps beside its vector irradiance, W·m⁻², sums of the channels. Zeros: no light of the lune is known of.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lune {
@@ -85,28 +107,22 @@ impl Lune {
         (0..3).for_each(|axis| second[axis] += third);
     }
 
-    /// Irradiance `[channel]` on the unit normal `bent` of a surface with the unit normal `normal`.
-    pub fn irradiance(&self, irradiance: &[[f32; 3]; 3], normal: [f32; 3], bent: [f32; 3]) -> [f32; 3] {
-        let cosine = dot(normal, bent);
-        let aside: [f32; 3] = std::array::from_fn(|axis| bent[axis] - cosine * normal[axis]);
-        let sine = dot(aside, aside).sqrt();
+    /// Irradiance `[channel]` of the point on a bent normal, from its vector irradiance `[channel][axis]`.
+    pub fn irradiance(&self, irradiance: &[[f32; 3]; 3], bend: &Bend) -> [f32; 3] {
+        let Bend { normal, bent, cosine, aside } = *bend;
         let own = irradiance.map(|e| dot(e, bent).max(0.0));
-        let (e, along) = (sum(irradiance), dot(sum(irradiance), normal));
-        // A ten-thousandth of a radian bends nothing, and has no direction.
-        if sine < 1e-4 || along <= f32::MIN_POSITIVE || self == &Lune::default() {
+        let Some((toward, terms)) = aside.filter(|_| self != &Lune::default()) else { return own };
+        let e = sum(irradiance);
+        let (straight, along, even) = (dot(e, bent), dot(e, normal), self.even);
+        if along <= f32::MIN_POSITIVE {
             return own;
         }
-        let toward = aside.map(|x| x / sine);
-        let (straight, even) = (dot(e, bent), self.even);
         let sky_and_sun = 0.25 * even * (1.0 + cosine) + (straight - 0.5 * even * cosine).max(0.0);
         let [xx, yy, zz, xy, yz, zx] = self.second;
-        let times = |v: [f32; 3]| dot([xx, xy, zx], v) * v[0] + dot([xy, yy, yz], v) * v[1] + dot([zx, yz, zz], v) * v[2];
-        let mixed = {
-            let v = normal;
-            toward[0] * dot([xx, xy, zx], v) + toward[1] * dot([xy, yy, yz], v) + toward[2] * dot([zx, yz, zz], v)
-        };
-        let moments = [xx + yy + zz, dot(e, toward), along, times(toward), mixed, times(normal)];
-        let any = straight + polynomial(cosine).iter().zip(moments).map(|(term, moment)| term * moment).sum::<f32>();
+        let times = |v: [f32; 3]| [dot([xx, xy, zx], v), dot([xy, yy, yz], v), dot([zx, yz, zz], v)];
+        let (to_normal, to_side) = (times(normal), times(toward));
+        let moments = [xx + yy + zz, dot(e, toward), along, dot(to_side, toward), dot(to_normal, toward), dot(to_normal, normal)];
+        let any = straight + terms.iter().zip(moments).map(|(term, moment)| term * moment).sum::<f32>();
         let least = straight.max(0.0);
         let lune = sky_and_sun.max(least) * (1.0 - self.any) + any.max(least) * self.any - least;
         std::array::from_fn(|c| own[c] + lune * (dot(irradiance[c], normal) / along).clamp(0.0, 1.0))

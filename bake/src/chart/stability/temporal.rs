@@ -20,6 +20,7 @@ use crate::progress::{Silent, Stage, check};
 use crate::reference::{ReferenceOptions, render_reference};
 use crate::scene::world::World;
 use crate::trace::{OccluderOptions, Occluders};
+use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::tonemap::automatic_exposure;
 use prelight_runtime::environment::{Environment, LightCubemap, sky};
@@ -109,8 +110,8 @@ pub(super) fn pictures(bench: &Bench, environment: &Environment, motion: Motion,
 /// See [`super::MODES`].
 pub fn techniques(bench: &Bench) -> Result<Found, BakeError> {
     const CHARTED: [Technique; 5] = [
-        Technique::BlockProduct { tolerance: 1e-2 },
-        Technique::BlockProduct { tolerance: 1e-1 },
+        Technique::block_product(1e-2, Accuracy::FINE.floor),
+        Technique::block_product(1e-1, Accuracy::FINE.floor),
         Technique::HaarTriple { share: 0.1 },
         Technique::HaarTriple { share: 0.01 },
         Technique::ShProduct { bands: 5 },
