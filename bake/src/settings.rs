@@ -4,8 +4,9 @@ use crate::bake::{BakeOptions, RebakeOptions};
 use crate::budget::{Choice, choose};
 use crate::error::BakeError;
 use crate::plan::PointParams;
-use crate::plan::density::density;
-use crate::plan::estimate::count_points;
+use crate::plan::counts::{Counter, Counts};
+use crate::plan::density::density_of;
+use crate::plan::estimate::count_points_of;
 use crate::progress::Progress;
 use crate::refine::angular::ViewOptions;
 use crate::refine::mesh::MeshOptions;
@@ -49,12 +50,29 @@ impl Settings {
         points: Option<u64>,
         memory: u64,
     ) -> Result<Self, BakeError> {
+        Self::resolve_by(&Counts::default(), manifest, objects, scene, world, points, memory)
+    }
+
+    /// [`Settings::resolve`] by what was counted before.
+    ///
+    /// # Errors
+    /// As [`Settings::resolve`].
+    pub fn resolve_by(
+        counts: &Counts,
+        manifest: &SceneManifest,
+        objects: &[ObjectKnobs],
+        scene: &Scene,
+        world: &World,
+        points: Option<u64>,
+        memory: u64,
+    ) -> Result<Self, BakeError> {
+        let counter = Counter::new(scene, world, counts);
         let knobs = manifest.bake.knobs();
         let pinned = manifest.bake.edge_length.map(|length| length as f32).filter(|_| points.is_none());
         let start = PointParams::new(&knobs, 1.0);
         let derived = match pinned {
             Some(_) => None,
-            None => Some(density(scene, world, &start, points, knobs.points)?),
+            None => Some(density_of(&counter, &start, points, knobs.points)?),
         };
         let edge_length = pinned.or(derived.as_ref().map(|density| density.edge_length)).expect("pinned or derived");
         let own = |object: &ObjectKnobs| {
@@ -81,7 +99,7 @@ impl Settings {
             rebake: RebakeOptions { layers: objects.iter().map(|object| object.layer).collect(), ..RebakeOptions::default() },
         };
         let known = derived.as_ref().map(|density| (start.with_edge_length(edge_length), &density.points[..]));
-        let points = count_points(scene, world, &options.points, known)?;
+        let points = count_points_of(&counter, &options.points, known)?;
         let budgets = objects.iter().map(|object| object.max_error).collect();
         let unbudgeted = options.points.clone();
         Ok(Settings { options, edge_length, derived: pinned.is_none(), points, budgets, unbudgeted, choices: Vec::new() })

@@ -112,7 +112,16 @@ impl Inner {
 
     /// [`Inner::find`], and relies on what it finds.
     pub fn find_and_hold(&self, digest: &Digest, plain_bytes: u64) -> Result<Option<Found>, StoreError> {
-        while let Some(found) = self.find(digest, plain_bytes)? {
+        self.find_and_hold_where(digest, plain_bytes, true)
+    }
+
+    /// [`Inner::find_and_hold`]; only in packs unless the chunk `may_be_alone`.
+    pub fn find_and_hold_where(&self, digest: &Digest, plain_bytes: u64, may_be_alone: bool) -> Result<Option<Found>, StoreError> {
+        let find = || match self.find_packed(digest, plain_bytes) {
+            None if may_be_alone => self.find(digest, plain_bytes),
+            found => Ok(found),
+        };
+        while let Some(found) = find()? {
             match &found {
                 Found::Packed(place) if !self.rely_on(&place.pack.name)? => {
                     self.index.write().expect("no panic under this lock").forget_pack(&place.pack);

@@ -130,7 +130,10 @@ impl ShardWriter {
             self.report.chunks_reused += 1;
             return Ok(digest);
         }
-        if let Some(found) = self.inner.find_and_hold(&digest, bytes.len() as u64)? {
+        // Small chunks lie in packs; few lie alone, and asking the system for each that does not costs more than listing those once. One that
+        // another process has put alone since is packed as well: two places, one chunk.
+        let may_be_alone = alone || bytes.len() as u64 >= OBJECT_BYTES || self.inner.lists_object(&digest)?;
+        if let Some(found) = self.inner.find_and_hold_where(&digest, bytes.len() as u64, may_be_alone)? {
             self.reused_files.insert(found.file(&digest));
             self.report.chunks_reused += 1;
             return Ok(digest);

@@ -9,10 +9,10 @@ use crate::ledger::{Ledger, Record};
 use crate::read::ObjectMap;
 use crate::{FormChoice, ShardWriter, StoreError, identity, os};
 use prelight_manifests::{Descriptor, Digest};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, RwLock};
+use std::sync::{Arc, Mutex, OnceLock, RwLock};
 
 /// Segments longer than this are not ours.
 const MAX_SEGMENT: u64 = u32::MAX as u64;
@@ -93,6 +93,8 @@ pub(crate) struct Inner {
     pub ledger: RwLock<Ledger>,
     pub bad: Mutex<BadList>,
     pub objects: Mutex<BTreeMap<Digest, Arc<ObjectMap>>>,
+    /// Chunks in files of their own, as they were first listed.
+    listed: OnceLock<BTreeSet<Digest>>,
     /// Once this handle has written something.
     pub hold: Mutex<Option<Hold>>,
     problems: Mutex<Vec<String>>,
@@ -143,6 +145,7 @@ impl Store {
             ledger: RwLock::default(),
             bad: Mutex::new(bad),
             objects: Mutex::default(),
+            listed: OnceLock::new(),
             hold: Mutex::default(),
             problems: Mutex::new(problems),
         };
@@ -266,11 +269,30 @@ impl Inner {
         self.faults.pass(point).map_err(os::fail(point.name(), &self.dir))
     }
 
+    /// Where a chunk lies in a pack, in its full length.
+    pub fn find_packed(&self, digest: &Digest, plain_bytes: u64) -> Option<Found> {
+        let place = self.index.read().expect("no panic under this lock").get(digest).cloned();
+        place.filter(|place| place.entry().plain_bytes == plain_bytes).map(Found::Packed)
+    }
+
+    /// Whether a chunk lay in a file of its own when this was first asked.
+    pub fn lists_object(&self, digest: &Digest) -> Result<bool, StoreError> {
+        if let Some(listed) = self.listed.get() {
+            return Ok(listed.contains(digest));
+        }
+        let folder = self.dir.join("objects");
+        let mut names = Vec::new();
+        for first in os::list(&folder)? {
+            names.extend(os::list_if_dir(&folder.join(first))?);
+        }
+        let listed: BTreeSet<Digest> = names.iter().filter_map(|name| name.to_str()?.parse().ok()).collect();
+        Ok(self.listed.get_or_init(|| listed).contains(digest))
+    }
+
     /// Where a chunk lies, in its full length. An object that is too short, too long or has a damaged header counts as absent.
     pub fn find(&self, digest: &Digest, plain_bytes: u64) -> Result<Option<Found>, StoreError> {
-        let place = self.index.read().expect("no panic under this lock").get(digest).cloned();
-        if let Some(place) = place.filter(|place| place.entry().plain_bytes == plain_bytes) {
-            return Ok(Some(Found::Packed(place)));
+        if let Some(found) = self.find_packed(digest, plain_bytes) {
+            return Ok(Some(found));
         }
         let path = self.dir.join(Self::object_name(digest));
         let Some((mut file, bytes)) = os::open_sized(&path)? else { return Ok(None) };

@@ -111,7 +111,7 @@ pub fn bake_file(
     context: &Context,
 ) -> Result<Summary, Failure> {
     let start = Instant::now();
-    let mut loaded = Loaded::open(scene, knobs, context)?;
+    let mut loaded = Loaded::open(scene, output.as_deref(), knobs, context)?;
     rebake.apply(&mut loaded)?;
     budgets::measure(&mut loaded, rebake.measure, context)?;
     bake_loaded(&loaded, output, rebake.preview, start, context)
@@ -125,6 +125,7 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, star
     let folder = context.store.clone().unwrap_or_else(|| default_store(&asset));
     let store = Store::open_or_create(&folder)?;
     check_writable(&asset)?;
+    loaded.counts.save(&store)?;
     let (scene, world, settings) = (&loaded.scene, &loaded.world, &loaded.settings);
     let (mut failure, mut previews) = (None, 0);
     let mut show = |baked: Baked| match show_preview(&baked, loaded, (&asset, &folder, &store), read_seconds, start, context) {

@@ -125,7 +125,7 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
     let was_empty = !store_folder.exists();
     let before = process_seconds();
     let baked = if args.quarters {
-        let mut loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
+        let mut loaded = Loaded::open(&args.scene.scene, None, &args.knobs, context)?;
         loaded.settings.options.points.iter_mut().for_each(|params| params.quarters = true);
         bake_loaded(&loaded, Some(asset_path.clone()), false, start, context)?
     } else {

@@ -10,7 +10,7 @@ use prelight_bake::trace::{OccluderOptions, Occluders};
 /// The section of the page; the summary gets `contests`.
 pub fn section(args: &ChartArgs, context: &Context, summary: &mut Summary) -> Result<Section, Failure> {
     // Warnings were told when the scene was baked.
-    let loaded = Loaded::open_quietly(&args.scene.scene, &args.knobs, context)?;
+    let loaded = Loaded::open_quietly(&args.scene.scene, None, &args.knobs, context)?;
     let (scene, world, options) = (&loaded.scene, &loaded.world, &loaded.settings.options);
     let occluders = Occluders::build(world, &scene.textures, OccluderOptions { quality: options.tree, ..OccluderOptions::default() });
     let all = candidates(scene, world, &occluders, &loaded.settings.unbudgeted, options.face_resolution, context.progress())?;

@@ -230,7 +230,7 @@ impl Ld09<'_> {
     /// The same bake with no slice left to its neighbours.
     fn dense(&self, lights: &[ChartLight], views: &[ChartView]) -> Result<MeshError, Failure> {
         let start = Instant::now();
-        let mut loaded = Loaded::open(&self.args.scene.scene, &self.args.knobs, self.context)?;
+        let mut loaded = Loaded::open(&self.args.scene.scene, None, &self.args.knobs, self.context)?;
         loaded.settings.options.transfer.iter_mut().flatten().for_each(|transfer| transfer.thin = 0.0);
         let path = self.args.output.join("dense.prelight.json");
         bake_loaded(&loaded, Some(path.clone()), false, start, self.context)?;
@@ -245,7 +245,7 @@ impl Ld09<'_> {
         for edge_length in &self.args.uniform {
             let start = Instant::now();
             let knobs = BakeKnobs { edge_length: Some(*edge_length), points: None, ..self.args.knobs.clone() };
-            let mut loaded = Loaded::open(&self.args.scene.scene, &knobs, self.context)?;
+            let mut loaded = Loaded::open(&self.args.scene.scene, None, &knobs, self.context)?;
             loaded.settings.options.points.iter_mut().for_each(|params| params.area_floor = 1.0);
             let eyes: Vec<[f32; 3]> = views.iter().map(|view| view.camera.eye).collect();
             loaded.settings.options.transfer.iter_mut().flatten().for_each(|transfer| transfer.eyes = eyes.clone());

@@ -37,7 +37,7 @@ pub struct CheckArgs {
 
 /// Runs the verb.
 pub fn run(args: CheckArgs, context: &Context) -> Result<Summary, Failure> {
-    let Loaded { input, mut scene, world, settings, .. } = Loaded::open_quietly(&args.scene.scene, &args.knobs, context)?;
+    let Loaded { input, mut scene, world, settings, .. } = Loaded::open_quietly(&args.scene.scene, None, &args.knobs, context)?;
     let memory = context.memory_limit(input.manifest.limits.memory);
     let environments = &input.manifest.environment;
     if !environments.is_empty() {

@@ -1,13 +1,16 @@
 //! A scene read, resolved and ready: what `plan`, `bake`, `watch` and `check` begin with.
 
 use super::args::BakeKnobs;
+use super::bake::default_store;
 use super::{Context, Failure};
+use prelight_bake::plan::counts::Counts;
 use prelight_bake::progress::Stage;
 use prelight_bake::scene::Scene;
 use prelight_bake::scene::input::SceneInput;
 use prelight_bake::scene::world::World;
 use prelight_bake::settings::Settings;
-use std::path::Path;
+use prelight_store::Store;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// A scene, its flattened geometry and the knobs in force.
@@ -20,18 +23,20 @@ pub struct Loaded {
     pub knobs: BakeKnobs,
     /// What choosing for budgets of error took.
     pub budget_seconds: f64,
+    /// Points that were counted, for the store.
+    pub counts: Counts,
 }
 
 impl Loaded {
-    /// Reads everything that a bake reads and reports every warning.
-    pub fn open(path: &Path, knobs: &BakeKnobs, context: &Context) -> Result<Self, Failure> {
-        let loaded = Self::open_quietly(path, knobs, context)?;
+    /// Reads everything that a bake reads and reports every warning. `output`: the asset that is named, beside which the store lies.
+    pub fn open(path: &Path, output: Option<&Path>, knobs: &BakeKnobs, context: &Context) -> Result<Self, Failure> {
+        let loaded = Self::open_quietly(path, output, knobs, context)?;
         loaded.scene.warnings.iter().for_each(|warning| context.progress().warning(warning));
         Ok(loaded)
     }
 
     /// The same, warnings left in the scene.
-    pub fn open_quietly(path: &Path, knobs: &BakeKnobs, context: &Context) -> Result<Self, Failure> {
+    pub fn open_quietly(path: &Path, output: Option<&Path>, knobs: &BakeKnobs, context: &Context) -> Result<Self, Failure> {
         let mut input = SceneInput::open(path)?;
         if let Some(quality) = knobs.quality {
             input.manifest.bake.quality = quality;
@@ -50,11 +55,20 @@ impl Loaded {
         let stage = Stage::begin(context.progress(), "measure", None, "points");
         let scene = loaded.scene;
         let world = World::build(&scene);
-        let mut settings = Settings::resolve(&input.manifest, &loaded.knobs, &scene, &world, knobs.points, memory)?;
+        let known = Store::open(store_folder(context, output)).ok();
+        // A store that is not there, or cannot be read: then it is counted. Whoever needs it says what is wrong with it.
+        let counts = Counts::new(&scene, known.as_ref()).or_else(|_| Counts::new(&scene, None))?;
+        drop(known);
+        let mut settings = Settings::resolve_by(&counts, &input.manifest, &loaded.knobs, &scene, &world, knobs.points, memory)?;
         drop(stage);
         let start = Instant::now();
         settings.meet_budgets(&scene, &world, context.progress())?;
         let budget_seconds = start.elapsed().as_secs_f64();
-        Ok(Loaded { input, scene, world, settings, knobs: knobs.clone(), budget_seconds })
+        Ok(Loaded { input, scene, world, settings, knobs: knobs.clone(), budget_seconds, counts })
     }
+}
+
+/// The store that a bake would use.
+fn store_folder(context: &Context, output: Option<&Path>) -> PathBuf {
+    context.store.clone().unwrap_or_else(|| default_store(output.unwrap_or(Path::new(""))))
 }

@@ -36,7 +36,7 @@ pub struct PlanArgs {
 
 /// Runs the verb.
 pub fn run(args: PlanArgs, context: &Context) -> Result<Summary, Failure> {
-    let mut loaded = Loaded::open(&args.scene.scene, &args.knobs, context)?;
+    let mut loaded = Loaded::open(&args.scene.scene, args.output.as_deref(), &args.knobs, context)?;
     RebakeArgs { only: args.only.clone(), ..RebakeArgs::default() }.apply(&mut loaded)?;
     let estimate = estimate(&loaded.scene, &loaded.world, &loaded.settings, context.jobs, context.progress())?;
     let objects: Vec<(&str, u64)> =

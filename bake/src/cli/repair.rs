@@ -108,7 +108,7 @@ fn mend(store: &Store, root: &Root, args: &RepairArgs, context: &Context) -> Res
         return Err(Failure::text(ExitCode::Found, "nothing says which scene it was baked from"));
     };
     let knobs = if args.scene.is_some() { args.knobs.clone() } else { BakeKnobs::from_json(report.get("knobs").unwrap_or(&Value::Null)) };
-    let loaded = Loaded::open(&scene, &knobs, context)?;
+    let loaded = Loaded::open(&scene, None, &knobs, context)?;
     let baked = bake_counted(&loaded.scene, &loaded.world, &loaded.settings.points, &loaded.settings.options, store, context.progress())?;
     if baked.asset_digest != root.asset {
         let text =

@@ -143,6 +143,11 @@ impl Delta {
         let seen: [Option<[Seen; 2]>; 6] = std::array::from_fn(|face| {
             has(faces_touched, face).then(|| [false, true].map(|is_new| Seen::new(before.touches, face, is_new, &masks)))
         });
+        // Per face the first layer of what is gone, before which what is asked is asked already; 0 where that cannot be told.
+        let first_layer = |face: usize| match (&before.edit.gone, &seen[face]) {
+            (Some(_), Some([gone, _])) => gone.layer.min(occluders.n_layers()),
+            _ => 0,
+        };
         // Per face the rows that something of the edit may have; outside of them the buffers of a point hold zeros.
         let mut rows: [Range<usize>; 6] = std::array::from_fn(|_| 0..0);
         for (local, point) in patch.range().enumerate() {
@@ -181,8 +186,8 @@ impl Delta {
                 if has(may_open, face) {
                     above_horizon_of_rows(plan.normal[point], n, face, rows[face].clone(), &mut self.horizon[of_face(face)]);
                     words_of(face).for_each(|word| self.asked[word] = self.gone[word] & self.horizon[word] & !self.point[word]);
-                    let first = seen[face].as_ref().map_or(0, |[gone, _]| gone.layer);
-                    self.ask(occluders, before.edit.gone.as_ref().map(|gone| (gone, first)), face, words_of(face), &from, n);
+                    let gone = before.edit.gone.as_ref().map(|gone| (gone, first_layer(face)));
+                    self.ask(occluders, gone, face, words_of(face), &from, n);
                 }
                 let mut any = 0;
                 for word in words_of(face) {
@@ -193,7 +198,7 @@ impl Delta {
                 if any == 0 {
                     continue;
                 }
-                before.edit.new.close_covered_on(std::iter::once(face), &from, n, &mut self.scratch, &mut self.work);
+                before.edit.new.close_covered_from(0, std::iter::once(face), &from, n, &mut self.scratch, &mut self.work);
                 let mut left = 0;
                 for word in words_of(face) {
                     self.new[word] &= !self.work[word];
@@ -206,7 +211,11 @@ impl Delta {
             }
             if asked != 0 {
                 let faces = || (0..6).filter(|face| has(asked, *face));
-                occluders.close_covered_on(faces(), &from, n, &mut self.scratch, &mut self.work);
+                for face in faces() {
+                    // What the layers before cover is not asked any more.
+                    let first = first_layer(face);
+                    occluders.close_covered_from(first, std::iter::once(face), &from, n, &mut self.scratch, &mut self.work);
+                }
                 differs |= faces().flat_map(words_of).fold(0, |any, word| any | self.work[word]);
             }
             if differs == 0 {
@@ -237,7 +246,7 @@ impl Delta {
     ) {
         let Some((gone, first)) = gone else { return };
         let any = |bits: &[u64]| bits.iter().any(|word| *word != 0);
-        for layer in 0..first.min(occluders.n_layers()) {
+        for layer in 0..first {
             if !any(&self.asked[words.clone()]) {
                 return;
             }
@@ -249,7 +258,7 @@ impl Delta {
         self.work[words.clone()].copy_from_slice(&self.asked[words.clone()]);
         // Ids of what is gone mean nothing here.
         let then = TraceOrigin { origin: from.origin, normal: from.normal, base_triangles: &[] };
-        gone.close_covered_on(std::iter::once(face), &then, n, &mut self.scratch, &mut self.work);
+        gone.close_covered_from(0, std::iter::once(face), &then, n, &mut self.scratch, &mut self.work);
         words.for_each(|word| self.asked[word] &= !self.work[word]);
     }
 

@@ -15,13 +15,14 @@ use super::light::{LightPatch, LightRecord};
 use crate::bake::BakeOptions;
 use crate::error::BakeError;
 use crate::plan::PointParams;
+use crate::plan::counts::hash_arrays;
 use crate::plan::key::Hasher;
 use crate::plan::patch::PATCH_ORDER;
 use crate::plan::pieces::{Pieces, side};
 use crate::plan::shaft::Raster;
 use crate::plan::snapshot::{Snapshot, Source};
 use crate::scene::world::World;
-use crate::scene::{Object, Primitive, Scene};
+use crate::scene::{Object, Scene};
 use crate::seal::base_chunk;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
 use prelight_manifests::quality::Shades;
@@ -237,19 +238,7 @@ fn light_key(scene: &Scene, world: &World, pieces: &Pieces, options: &BakeOption
             ranks.push(primitive.material);
         }
         hasher.words(&[rank as u32, sides, set.map_or(0, |set| 1 + set)]);
-        // Vertices by their bits; what is left out is told from what is empty.
-        let Primitive { positions, triangles, material: _, normals, tangents, uvs, colors } = primitive;
-        let optional: [Option<&[u8]>; 5] = [
-            normals.as_deref().map(bytemuck::cast_slice),
-            tangents.as_deref().map(bytemuck::cast_slice),
-            uvs[0].as_deref().map(bytemuck::cast_slice),
-            uvs[1].as_deref().map(bytemuck::cast_slice),
-            colors.as_deref().map(bytemuck::cast_slice),
-        ];
-        for array in [Some(bytemuck::cast_slice(positions)), Some(bytemuck::cast_slice(triangles))].into_iter().chain(optional) {
-            hasher.bytes(&array.map_or(u64::MAX, |array| array.len() as u64).to_le_bytes());
-            hasher.bytes(array.unwrap_or_default());
-        }
+        hash_arrays(primitive, &mut hasher);
     }
     let ids = world.object_start[object]..world.object_start[object + 1];
     let mut own = Vec::with_capacity(17 * ids.len());

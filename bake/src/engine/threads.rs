@@ -29,7 +29,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 const MAX_TOUCHES: usize = 1024;
 
 /// Patches of a shard at most.
-const SHARD_PATCHES: usize = 32;
+const SHARD_PATCHES: usize = 64;
 
 /// A patch to be traced.
 #[derive(Clone, Copy)]

@@ -4,12 +4,11 @@
 //! A mesh that is denser than the budget by itself would then get no refinement at all, and its large walls no shadows. So where nobody
 //! asked for a number of points, the budget is at least twice what the base mesh has.
 
+use super::counts::{Counter, Counts};
 use super::params::{PlanError, PointParams};
-use super::weld::BaseMesh;
-use crate::refine::{count_object, edge_length_for_points};
+use crate::refine::edge_length_by_counts;
 use crate::scene::Scene;
 use crate::scene::world::World;
-use rayon::prelude::*;
 
 /// An edge length and what it makes.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,17 +32,24 @@ impl Density {
 /// `preset` alone where the bake may be coarser than the mesh.
 /// The result does not depend on threads.
 pub fn density(scene: &Scene, world: &World, params: &PointParams, asked: Option<u64>, preset: u64) -> Result<Density, PlanError> {
-    let objects = BaseMesh::build_all(scene, world);
-    let count = |params: &PointParams| -> Vec<u64> { objects.par_iter().map(|base| count_object(base, params, u64::MAX).points).collect() };
+    density_of(&Counter::new(scene, world, &Counts::default()), params, asked, preset)
+}
+
+/// [`density`] by what is known already.
+///
+/// # Errors
+/// As [`density`].
+pub fn density_of(objects: &Counter, params: &PointParams, asked: Option<u64>, preset: u64) -> Result<Density, PlanError> {
     let budget = asked.unwrap_or_else(|| {
         if params.coarser {
             return preset;
         }
         let unrefined = PointParams { max_level: 0, ..*params };
-        preset.max(count(&unrefined).iter().sum::<u64>().saturating_mul(2))
+        preset.max(objects.total(&unrefined, u64::MAX).points.saturating_mul(2))
     });
-    let edge_length = edge_length_for_points(&objects, params, budget)?;
-    Ok(Density { edge_length, points: count(&params.with_edge_length(edge_length)) })
+    let count = |params: &PointParams, enough: u64| objects.total(params, enough);
+    let edge_length = edge_length_by_counts(objects.longest_edge(), params, budget, &count)?;
+    Ok(Density { edge_length, points: objects.each(&params.with_edge_length(edge_length)) })
 }
 
 #[cfg(test)]

@@ -6,13 +6,12 @@
 //! | a batch: plans, visibility, refinement, chunks | [`POINT_BYTES`] a point |
 //! | a thread: one shard in flight | [`THREAD_BYTES`] |
 
+use super::counts::{Counter, Counts};
 use super::origin::surface_origin;
-use super::weld::BaseMesh;
 use super::{PlanError, PointParams};
 use crate::bake::BakeOptions;
 use crate::error::BakeError;
 use crate::progress::{Progress, Stage};
-use crate::refine::count::count_object;
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::settings::Settings;
@@ -120,26 +119,27 @@ pub fn count_points(
     params: &[PointParams],
     known: Option<(PointParams, &[u64])>,
 ) -> Result<Vec<u64>, PlanError> {
+    count_points_of(&Counter::new(scene, world, &Counts::default()), params, known)
+}
+
+/// [`count_points`] by what is known already.
+///
+/// # Errors
+/// As [`count_points`].
+pub fn count_points_of(objects: &Counter, params: &[PointParams], known: Option<(PointParams, &[u64])>) -> Result<Vec<u64>, PlanError> {
     let count = |object: usize| {
         params[object].check()?;
         match known.filter(|(same, _)| *same == params[object]) {
             Some((_, counts)) => Ok(counts[object]),
-            None => count_object_points(scene, world, params, object),
+            None => objects.points(object, &params[object]),
         }
     };
-    (0..scene.objects.len()).into_par_iter().map(count).collect()
+    (0..params.len()).into_par_iter().map(count).collect()
 }
 
 /// Points of one object before leaks are split.
 pub fn count_object_points(scene: &Scene, world: &World, params: &[PointParams], object: usize) -> Result<u64, PlanError> {
-    let params = &params[object];
-    params.check()?;
-    let count = count_object(&BaseMesh::build(scene, world, object), params, u64::from(params.max_triangles));
-    if count.triangles > u64::from(params.max_triangles) {
-        let object = scene.objects[object].name.clone();
-        return Err(PlanError::TooManyTriangles { object, limit: params.max_triangles, edge_length: params.edge_length });
-    }
-    Ok(count.points)
+    Counter::new(scene, world, &Counts::default()).points(object, &params[object])
 }
 
 /// Bytes that stay for the whole bake.

@@ -9,6 +9,7 @@ mod attributes;
 pub mod buried;
 pub mod changes;
 pub(crate) mod coarse;
+pub mod counts;
 pub mod density;
 mod draft;
 pub mod estimate;

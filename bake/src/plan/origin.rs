@@ -45,6 +45,7 @@ pub struct Surroundings {
 }
 
 /// Twice the area times the unit normal of a triangle.
+#[inline]
 pub(crate) fn area_normal(corners: &[[f32; 3]; 3]) -> DVec3 {
     let [a, b, c] = corners.map(wide);
     (b - a).cross(c - a)

@@ -20,16 +20,19 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// A position or direction in f64.
+#[inline]
 pub(crate) fn wide(v: [f32; 3]) -> DVec3 {
-    DVec3::from_array(v.map(f64::from))
+    DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))
 }
 
 /// Rounds once; −0 becomes 0, so that equal places have equal bits.
+#[inline]
 pub(crate) fn narrow(v: DVec3) -> [f32; 3] {
-    v.to_array().map(|x| {
+    let round = |x: f64| {
         let x = x as f32;
         if x == 0.0 { 0.0 } else { x }
-    })
+    };
+    [round(v.x), round(v.y), round(v.z)]
 }
 
 /// A base triangle that carries points.
@@ -153,16 +156,19 @@ impl BaseMesh {
     }
 
     /// Points at the corners of a base triangle.
+    #[inline]
     pub fn corner_points(&self, triangle: u32) -> [u32; 3] {
         self.triangles[triangle as usize].vertices.map(|v| self.vertices.point[v as usize])
     }
 
     /// Positions of the corners of a base triangle.
+    #[inline]
     pub fn corner_positions(&self, triangle: u32) -> [[f32; 3]; 3] {
         self.corner_points(triangle).map(|p| self.points.position[p as usize])
     }
 
     /// Front normals of the corners of a base triangle.
+    #[inline]
     pub fn corner_normals(&self, triangle: u32) -> [[f32; 3]; 3] {
         self.corner_points(triangle).map(|p| self.points.normal[p as usize])
     }

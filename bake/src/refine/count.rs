@@ -103,22 +103,33 @@ impl Cut for Counter {
 /// may be coarser than the mesh. Objects are
 /// counted in parallel; the result does not depend on threads. Meant to be called once, printed, and pinned in the scene's manifest.
 pub fn edge_length_for_points(objects: &[BaseMesh], params: &PointParams, target_points: u64) -> Result<f32, PlanError> {
+    let longest = objects.par_iter().map(longest_edge).reduce(|| 0.0, f64::max);
+    let count = |params: &PointParams, enough: u64| {
+        let counts = objects.par_iter().map(|base| count_object(base, params, enough));
+        counts.reduce(PointCount::default, |a, b| PointCount { points: a.points + b.points, triangles: a.triangles + b.triangles })
+    };
+    edge_length_by_counts(longest, params, target_points, &count)
+}
+
+/// [`edge_length_for_points`] by the `longest` base edge, metres, and the count of all objects, each stopping at so many triangles.
+pub(crate) fn edge_length_by_counts(
+    longest: f64,
+    params: &PointParams,
+    target_points: u64,
+    count: &dyn Fn(&PointParams, u64) -> PointCount,
+) -> Result<f32, PlanError> {
     params.check()?;
-    let longest = objects.par_iter().map(longest_edge).reduce(|| 0.0, f64::max) as f32;
+    let longest = longest as f32;
     if !(longest > 0.0 && longest.is_finite()) {
         return Ok(params.edge_length);
     }
     // A refined triangle carries at least a quarter of a point but for tiny meshes, so counting may stop at 4 × target triangles; beyond those
     // that the mesh has by itself, where it has points at only some of its vertices.
     let longest_params = params.with_edge_length(longest);
-    let own: u64 =
-        if params.coarser { objects.par_iter().map(|base| count_object(base, &longest_params, u64::MAX).triangles).sum() } else { 0 };
+    let own = if params.coarser { count(&longest_params, u64::MAX).triangles } else { 0 };
     let enough = target_points.saturating_mul(4).saturating_add(1000).saturating_add(own);
     let fits = |length: f32| {
-        let params = params.with_edge_length(length);
-        let counts = objects.par_iter().map(|base| count_object(base, &params, enough));
-        let total =
-            counts.reduce(PointCount::default, |a, b| PointCount { points: a.points + b.points, triangles: a.triangles + b.triangles });
+        let total = count(&params.with_edge_length(length), enough);
         total.points <= target_points && total.triangles <= enough
     };
     let mut upper = round_up(longest);
@@ -147,7 +158,8 @@ pub fn edge_length_for_points(objects: &[BaseMesh], params: &PointParams, target
     Ok(round_up(upper))
 }
 
-fn longest_edge(base: &BaseMesh) -> f64 {
+/// Metres.
+pub(crate) fn longest_edge(base: &BaseMesh) -> f64 {
     let edges = (0..base.triangles.len() as u32).flat_map(|t| {
         let [a, b, c] = base.corner_positions(t).map(wide);
         [(b - a).length(), (c - b).length(), (a - c).length()]

@@ -26,6 +26,7 @@ pub mod split;
 pub mod visibility_difference;
 
 pub use count::{PointCount, count_object, edge_length_for_points};
+pub(crate) use count::{edge_length_by_counts, longest_edge};
 pub use differing::split_differing;
 pub use refined::{Refined, RefinedTriangle};
 pub use split::refine;

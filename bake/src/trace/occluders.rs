@@ -196,12 +196,14 @@ impl Occluders {
         (0..self.trees.len()).for_each(|layer| self.close_covered_by(layer, 0..6, from, face_resolution, scratch, open));
     }
 
-    /// [`Occluders::close_covered`] on some of the faces: for few open texels, of which each face is set up once for all layers.
+    /// [`Occluders::close_covered`] by the layers from `first` on, on some of the faces: for few open texels, of which each face is set up once
+    /// for all layers.
     ///
     /// # Panics
-    /// As `close_covered`.
-    pub fn close_covered_on(
+    /// If there are fewer layers than `first`, and as `close_covered`.
+    pub fn close_covered_from(
         &self,
+        first: usize,
         faces: impl Iterator<Item = usize>,
         from: &TraceOrigin,
         face_resolution: usize,
@@ -212,7 +214,7 @@ impl Occluders {
         let Scratch { stack, excluded, window } = scratch;
         close_windows(faces, face_resolution, window, open, |face, corner, window| {
             let view = View::new(from.origin, face_resolution, face, corner);
-            for tree in self.trees.iter().filter(|tree| tree.root != EMPTY) {
+            for tree in self.trees[first..].iter().filter(|tree| tree.root != EMPTY) {
                 stack.reserve(tree.stack_size);
                 excluded.set(tree, from.base_triangles);
                 self.cover(coverage::Scene { tree, masks: &self.masks, excluded }, &view, window, stack);
@@ -340,17 +342,20 @@ impl Occluders {
 
     /// The nearest surface along the ray, t >= 0. Both faces count; MASK is cut. `excluded`: ids that are passed through.
     pub fn closest_hit(&self, origin: [f32; 3], direction: [f32; 3], excluded: &[u32]) -> Option<Hit> {
-        let hits = self.ray_scenes(excluded).filter_map(|scene| {
+        let in_tree = |scene: RayScene, t_max: f32| {
             #[cfg(target_arch = "x86_64")]
             if self.simd == SimdPath::Avx2
                 && let Some(kernel) = simd::Avx2::detect()
             {
-                return kernel.closest_hit(scene, origin, direction);
+                return kernel.closest_hit(scene, origin, direction, t_max);
             }
-            ray::closest_hit(scene, origin, direction)
-        });
-        // As within a tree: of hits at equal t the smallest id.
-        hits.min_by(|a, b| a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle)))
+            ray::closest_hit(scene, origin, direction, t_max)
+        };
+        // No tree is asked beyond what those before it met. As within a tree: of hits at equal t the smallest id.
+        self.ray_scenes(excluded).fold(None, |best: Option<Hit>, scene| {
+            let found = in_tree(scene, best.map_or(f32::INFINITY, |hit| hit.t * ray::BEYOND));
+            best.into_iter().chain(found).min_by(|a, b| a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle)))
+        })
     }
 }
 

@@ -36,6 +36,8 @@ const STACK: usize = 128;
 const WIDEN: f32 = 1.0 + 1.0 / 1048576.0;
 /// Relative error of a distance above which it is noise; far above the rounding of slabs.
 const NOISE: f32 = 1.0 / 1024.0;
+/// Factor on a hit's distance beyond which no box holds a nearer one, noise included.
+pub(super) const BEYOND: f32 = 1.0 + 2.0 * NOISE;
 /// Stands for 1/0; finite, so that 0·(1/0) is 0.
 const LARGEST_INVERSE: f32 = 1e30;
 
@@ -215,15 +217,16 @@ pub(super) fn occluded(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t
     blocked
 }
 
+/// The nearest hit, if it lies at `t_max` or before it; a `t_max` below infinity changes no such hit where it is [`BEYOND`] its distance.
 #[inline(always)]
-pub(super) fn closest_hit(scene: RayScene, origin: [f32; 3], direction: [f32; 3]) -> Option<Hit> {
+pub(super) fn closest_hit(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> Option<Hit> {
     let mut best: Option<(f32, u32, [f32; 3], bool)> = None;
-    walk(scene, origin, direction, f32::INFINITY, |t, id, edges, ahead| {
+    walk(scene, origin, direction, t_max, |t, id, edges, ahead| {
         let nearer = best.is_none_or(|(t0, id0, ..)| t < t0 || (t == t0 && id < id0));
         if nearer {
             best = Some((t, id, edges, ahead));
         }
-        best.map_or(f32::INFINITY, |(t, ..)| t)
+        best.map_or(t_max, |(t, ..)| t)
     });
     let (t, triangle, edges, ahead) = best?;
     let order = scene.orders[triangle as usize] as usize;

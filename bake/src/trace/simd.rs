@@ -42,9 +42,9 @@ impl Avx2 {
     }
 
     /// [`ray::closest_hit`] compiled for AVX2.
-    pub fn closest_hit(self, scene: RayScene, origin: [f32; 3], direction: [f32; 3]) -> Option<Hit> {
+    pub fn closest_hit(self, scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> Option<Hit> {
         // SAFETY: `self` proves that the CPU has AVX2.
-        unsafe { closest_hit(scene, origin, direction) }
+        unsafe { closest_hit(scene, origin, direction, t_max) }
     }
 }
 
@@ -54,8 +54,8 @@ fn occluded(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) 
 }
 
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn closest_hit(scene: RayScene, origin: [f32; 3], direction: [f32; 3]) -> Option<Hit> {
-    ray::closest_hit(scene, origin, direction)
+fn closest_hit(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> Option<Hit> {
+    ray::closest_hit(scene, origin, direction, t_max)
 }
 
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
