@@ -12,7 +12,8 @@
 //! ```
 //!
 //! An asset with transfer gets its indirect light on top of the exact direct light ([`Relighter::set_indirect`] turns that off); preparing a
-//! light then also filters it ([`crate::vmf_transfer::light`]). Without transfer, [`Relighter::set_light`] does not allocate after its first
+//! light then also filters it ([`crate::vmf_transfer::light`]), and direct highlights between points are looked up per pixel too
+//! ([`crate::vmf_transfer::highlight`]). Without transfer, [`Relighter::set_light`] does not allocate after its first
 //! call; [`Relighter::shade`] never does. Diffuse light is computed once per light and patch, and kept while only the view moves; glossy
 //! light follows the eye, to an [`Accuracy`]. [`Relighter::set_material`] changes a surface without a bake.
 
@@ -36,6 +37,7 @@ use crate::surface::detail::{Detail, fill_details, has_detail, point_lobe};
 use crate::surface::lune::{Lune, is_bent};
 use crate::surface::{AlphaMode, Material, Model};
 use crate::vmf_transfer::FilteredLight;
+use crate::vmf_transfer::highlight::keep_highlights;
 use crate::vmf_transfer::pixel::{EyeLobes, PixelLobes};
 use crate::vmf_transfer::shade::{add_glossy, add_irradiance};
 
@@ -53,7 +55,7 @@ pub struct Relighter<'a> {
     glossy: Vec<Glossy>,
     /// `[points]` radiance of a whole clear coat; empty while no material has one.
     coat: Vec<[f32; 3]>,
-    /// `[points]` lobes toward the eye; empty without transfer.
+    /// `[points]` lobes toward the eye, of indirect and of direct light; empty without transfer.
     lobes: Vec<EyeLobes>,
     surfaces: Surfaces<'a>,
     accuracy: Accuracy,
@@ -132,6 +134,8 @@ struct Work<'a> {
     surfaces: &'a Surfaces<'a>,
     accuracy: Accuracy,
     indirect: Option<(&'a Icosahedron, &'a FilteredLight)>,
+    /// Where the asset has transfer, whether or not it is on.
+    filtered: Option<&'a FilteredLight>,
     /// `None`: diffuse light alone.
     eye: Option<[f32; 3]>,
     wanted: Option<&'a [bool]>,
@@ -164,11 +168,13 @@ impl Work<'_> {
         let (glossy, later_glossy) = self.glossy.split_at_mut(points);
         let (coat, later_coat) = self.coat.split_at_mut(points.min(self.coat.len()));
         let (lobes, later_lobes) = self.lobes.split_at_mut(points.min(self.lobes.len()));
-        let Work { light, indirect, surfaces, accuracy, eye, wanted, .. } = self;
-        let first = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, lune, glossy, coat, lobes };
+        let Work { light, indirect, filtered, surfaces, accuracy, eye, wanted, .. } = self;
+        let first =
+            Work { light, indirect, filtered, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, lune, glossy, coat, lobes };
         let (patches, is_lit, irradiance, glossy, coat) = (later_patches, later_is_lit, later_irradiance, later_glossy, later_coat);
         let (lune, lobes) = (later_lune, later_lobes);
-        let later = Work { light, indirect, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, lune, glossy, coat, lobes };
+        let later =
+            Work { light, indirect, filtered, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, lune, glossy, coat, lobes };
         let (a, b) = join(|| first.run(), || later.run());
         a + b
     }
@@ -202,6 +208,9 @@ impl Work<'_> {
             let (path, surfaces) = (SimdPath::detect(), self.surfaces);
             let lobe = |i: usize| surfaces.lobe(&averages, i, first + i);
             shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, eye, &mut self.glossy[range.clone()]);
+            if let Some(light) = self.filtered {
+                keep_highlights(light, position, lobe, eye, &self.glossy[range.clone()], &mut self.lobes[range.clone()]);
+            }
             if let Some(((solid, light), transfer)) = &transfer {
                 add_glossy(
                     light,
@@ -245,7 +254,7 @@ pub struct View {
 }
 
 impl<'a> Relighter<'a> {
-    /// Buffers for all points: 80 bytes each, 168 where the asset has transfer; 32 more with normal maps.
+    /// Buffers for all points: 80 bytes each, 220 where the asset has transfer; 32 more with normal maps.
     pub fn new(asset: &'a Asset) -> Self {
         let has_transfer = asset.patches.iter().any(|patch| patch.transfer().is_some());
         let has_normal_map = asset.materials().iter().any(|material| material.normal_texture.is_some());
@@ -436,11 +445,13 @@ impl<'a> Relighter<'a> {
         let asset = self.asset;
         let (irradiance, glossy) = (&mut self.irradiance[..], &mut self.glossy[..]);
         let indirect = self.indirect.as_ref().and_then(Indirect::light);
+        let filtered = self.indirect.as_ref().and_then(|indirect| indirect.light.as_ref());
         let (surfaces, accuracy, coat) = (&self.surfaces, self.accuracy, &mut self.coat[..]);
         let is_lit = &mut self.is_lit[..];
         Work {
             light,
             indirect,
+            filtered,
             surfaces,
             accuracy,
             eye,
@@ -489,7 +500,7 @@ impl<'a> Relighter<'a> {
     }
 
     fn with_scene<T>(&self, background: &(dyn Fn([f32; 3]) -> [f32; 3] + Sync), clay: bool, f: impl FnOnce(&DrawScene) -> T) -> T {
-        let indirect = self.indirect.as_ref().and_then(Indirect::light);
+        let filtered = self.indirect.as_ref().and_then(|indirect| indirect.light.as_ref());
         let objects: Vec<DrawObject> = (self.asset.objects.iter().zip(self.meshes()))
             .map(|(object, mesh)| DrawObject {
                 mesh,
@@ -497,7 +508,7 @@ impl<'a> Relighter<'a> {
                 lune: self.lune.get(object.points.clone()).unwrap_or_default(),
                 glossy: &self.glossy[object.points.clone()],
                 coat: self.coat.get(object.points.clone()).unwrap_or_default(),
-                lobes: indirect.map(|(_, light)| PixelLobes { light, lobes: &self.lobes[object.points.clone()] }),
+                lobes: filtered.map(|light| PixelLobes { light, lobes: &self.lobes[object.points.clone()] }),
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();

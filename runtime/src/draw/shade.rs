@@ -343,7 +343,7 @@ impl<'a> Shader<'a> {
         let front_normal = self.front_normal(gathered, weights);
         if self.scene.clay {
             let normal = front_normal.map(|v| v * side);
-            let light = self.light(gathered, light_weights, &Bend::new(normal, normal));
+            let light = self.light(gathered, light_weights, &Bend::new(normal, normal), view);
             return (light.received.map(|e| e * (CLAY_ALBEDO / PI)), surface.alpha);
         }
         let tangent = match gathered.tangent_from_uv {
@@ -357,7 +357,7 @@ impl<'a> Shader<'a> {
         let bend = |bent: Option<[f32; 3]>| bent.map_or(front_normal, |bent| bend_normal(bent, front_normal, tangent));
         let place = surface.place(bend(surface.normal_tangent), bend(surface.coat_normal_tangent), tangent, side);
         let toward = view.map(|v| -v);
-        let light = self.light(gathered, light_weights, &Bend::new(front_normal.map(|v| v * side), place.normal));
+        let light = self.light(gathered, light_weights, &Bend::new(front_normal.map(|v| v * side), place.normal), view);
         (radiance(&surface, &place, toward, self.scene.tables, &light), surface.alpha)
     }
 
@@ -375,8 +375,8 @@ impl<'a> Shader<'a> {
         })
     }
 
-    /// Light from the corners that have a usable point, on a surface with this normal.
-    fn light(&self, gathered: &Gathered, weights: [f32; 3], bend: &Bend) -> PointLight {
+    /// Light from the corners that have a usable point, on a surface with this normal, seen along the unit direction `view`.
+    fn light(&self, gathered: &Gathered, weights: [f32; 3], bend: &Bend, view: [f32; 3]) -> PointLight {
         let mut light = PointLight::default();
         let usable = |k: &usize| gathered.points[*k].n > 0;
         let sum: f32 = (0..3).filter(usable).map(|k| weights[k]).sum();
@@ -401,7 +401,7 @@ impl<'a> Shader<'a> {
             && let Some(points) = gathered.single_points()
         {
             let weights = std::array::from_fn(|k| if usable(&k) { weight_of(k) } else { 0.0 });
-            lobes.correct(points, weights, &mut light.glossy);
+            lobes.correct(points, weights, view.map(|v| -v), &mut light.glossy);
         }
         light
     }

@@ -9,7 +9,9 @@
 //! | [`light`] | the environment, filtered per κ |
 //! | [`shade`] | light at points |
 //! | [`pixel`] | light between them |
+//! | [`highlight`] | direct light between them |
 
+pub mod highlight;
 pub mod interpolate;
 pub mod light;
 pub mod lobe;

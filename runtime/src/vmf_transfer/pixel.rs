@@ -11,6 +11,7 @@
 //! of corners that are too far apart to be one, and corners without a point of their own stay linear. At a corner the correction is 0.
 //! Source: \[LD09\] section 6 (slices per vertex, lookup per pixel).
 
+use super::highlight::{self, Highlight};
 use super::interpolate::{Blend, blend};
 use super::light::FilteredLight;
 use super::lobe::{Lobe, luminance};
@@ -26,9 +27,12 @@ struct EyeLobe {
     radiance: [f32; 3],
 }
 
-/// The lobes of a point toward the eye. 88 bytes.
+/// The lobes of a point toward the eye, of indirect light and of direct. 140 bytes.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct EyeLobes([EyeLobe; SLICE_LOBES]);
+pub struct EyeLobes {
+    slots: [EyeLobe; SLICE_LOBES],
+    pub(super) highlight: Highlight,
+}
 
 /// What pixels look lobes up with.
 #[derive(Clone, Copy, Debug)]
@@ -40,10 +44,16 @@ pub struct PixelLobes<'a> {
 }
 
 impl EyeLobes {
+    /// No indirect light.
+    pub(super) fn forget_slots(&mut self) {
+        self.slots = Default::default();
+    }
+
     /// Looks the slots of a point up, keeps those that one lobe stands for, and returns their light in both Schlick terms.
-    pub(super) fn look_up(light: &FilteredLight, slots: &[(Blend, f32); SLICE_LOBES]) -> (Self, Glossy) {
-        let (mut own, mut glossy) = (EyeLobes::default(), Glossy::default());
-        for (kept, (blend, grazing)) in own.0.iter_mut().zip(slots) {
+    pub(super) fn look_up(&mut self, light: &FilteredLight, slots: &[(Blend, f32); SLICE_LOBES]) -> Glossy {
+        let mut glossy = Glossy::default();
+        self.forget_slots();
+        for (kept, (blend, grazing)) in self.slots.iter_mut().zip(slots) {
             let radiance = looked_up(light, blend);
             for c in 0..3 {
                 glossy[0][c] += radiance[c];
@@ -53,7 +63,7 @@ impl EyeLobes {
                 *kept = EyeLobe { lobe: *lobe, grazing: *grazing, radiance };
             }
         }
-        (own, glossy)
+        glossy
     }
 }
 
@@ -67,10 +77,12 @@ fn looked_up(light: &FilteredLight, blend: &Blend) -> [f32; 3] {
 }
 
 impl PixelLobes<'_> {
-    /// Adds moved − linear to glossy light that was interpolated between three points.
-    pub fn correct(&self, points: [usize; 3], weights: [f32; 3], glossy: &mut Glossy) {
+    /// Adds moved − linear to glossy light that was interpolated between three points, and what [`super::highlight`] says of direct light
+    /// toward the unit direction `view`.
+    pub fn correct(&self, points: [usize; 3], weights: [f32; 3], view: [f32; 3], glossy: &mut Glossy) {
+        highlight::correct(self.light, points.map(|point| &self.lobes[point].highlight), weights, view, glossy);
         for slot in 0..SLICE_LOBES {
-            let corners = points.map(|point| &self.lobes[point].0[slot]);
+            let corners = points.map(|point| &self.lobes[point].slots[slot]);
             let say: [f32; 3] = std::array::from_fn(|k| weights[k] * luminance(corners[k].lobe.weight));
             let sum = say[0] + say[1] + say[2];
             if sum <= 0.0 {
@@ -94,13 +106,13 @@ impl PixelLobes<'_> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::environment::LightCubemap;
     use crate::sphere::cubemap::{texel_solid_angle, texel_unit_direction};
 
     /// A dark sky with one bright spot about +y.
-    fn spot() -> FilteredLight {
+    pub fn spot() -> LightCubemap {
         let n = 64;
         let mut light = LightCubemap::black(n);
         for i in 0..6 * n * n {
@@ -111,8 +123,17 @@ mod tests {
             light.flux[i] = flux;
             light.moment[i] = flux.map(|f| d.map(|c| c * f));
         }
-        FilteredLight::prepare(&light)
+        light
     }
+
+    fn look_up(light: &FilteredLight, slots: &[(Blend, f32); SLICE_LOBES]) -> (EyeLobes, Glossy) {
+        let mut own = EyeLobes::default();
+        let glossy = own.look_up(light, slots);
+        (own, glossy)
+    }
+
+    /// No direct light: the view does not matter.
+    const VIEW: [f32; 3] = [0.0, 1.0, 0.0];
 
     fn one(angle: f32, kappa: f32) -> (Blend, f32) {
         let lobe = Lobe { weight: [0.8, 0.6, 0.4], mu: [angle.sin(), angle.cos(), 0.0], kappa };
@@ -125,14 +146,14 @@ mod tests {
 
     #[test]
     fn a_highlight_between_two_points_is_as_bright_as_it_is_there() {
-        let light = spot();
+        let light = FilteredLight::prepare(&spot());
         // The spot is mirrored half way between two points that both look past it.
-        let at = |angle: f32| EyeLobes::look_up(&light, &[black(), one(angle, 60.0)]);
+        let at = |angle: f32| look_up(&light, &[black(), one(angle, 60.0)]);
         let ((left, left_light), (right, right_light), (_, truth)) = (at(-0.1), at(0.1), at(0.0));
         let lobes = [left, right];
         let linear: Glossy = std::array::from_fn(|t| std::array::from_fn(|c| 0.5 * (left_light[t][c] + right_light[t][c])));
         let mut moved = linear;
-        PixelLobes { light: &light, lobes: &lobes }.correct([0, 1, 0], [0.25, 0.5, 0.25], &mut moved);
+        PixelLobes { light: &light, lobes: &lobes }.correct([0, 1, 0], [0.25, 0.5, 0.25], VIEW, &mut moved);
         for term in 0..2 {
             let (before, after) = (linear[term][1] / truth[term][1] - 1.0, moved[term][1] / truth[term][1] - 1.0);
             assert!(before < -0.1 && after.abs() < 0.01, "{term}: {before} {after}");
@@ -141,25 +162,25 @@ mod tests {
 
     #[test]
     fn corners_and_cross_fades_stay_as_they_are() {
-        let light = spot();
+        let light = FilteredLight::prepare(&spot());
         let mut far = [one(0.0, 60.0); SLICE_LOBES];
         let apart = [0.0f32, 1.0].map(|angle| Lobe { weight: [0.5; 3], mu: [angle.sin(), angle.cos(), 0.0], kappa: 60.0 });
         far[0] = (blend([apart[0], apart[1], apart[0]], [0.5, 0.5, 0.0]), 0.5);
         assert!(far[0].0.lobes().len() > 1);
-        let (near, near_light) = EyeLobes::look_up(&light, &[black(), one(0.05, 60.0)]);
-        let (faded, faded_light) = EyeLobes::look_up(&light, &far);
+        let (near, near_light) = look_up(&light, &[black(), one(0.05, 60.0)]);
+        let (faded, faded_light) = look_up(&light, &far);
         let lobes = [near, faded, EyeLobes::default()];
         let drawn = PixelLobes { light: &light, lobes: &lobes };
         for (point, own) in [(0, near_light), (1, faded_light), (2, Glossy::default())] {
             let mut got = own;
-            drawn.correct([point, 2, (point + 1) % 3], [1.0, 0.0, 0.0], &mut got);
+            drawn.correct([point, 2, (point + 1) % 3], [1.0, 0.0, 0.0], VIEW, &mut got);
             let close = |a: &f32, b: &f32| (a - b).abs() <= 1e-5 * b.abs().max(1e-3);
             assert!(got.iter().flatten().zip(own.iter().flatten()).all(|(a, b)| close(a, b)), "{point}: {got:?} {own:?}");
         }
         // Nothing is left of the fade but its light at the point: half way it is halved, whatever the other slot does.
-        let fade_only = EyeLobes([EyeLobe::default(), near.0[1]]);
+        let fade_only = EyeLobes { slots: [EyeLobe::default(), near.slots[1]], ..near };
         let mut half = [[1.0; 3]; 2];
-        PixelLobes { light: &light, lobes: &[fade_only, fade_only, fade_only] }.correct([0, 1, 2], [0.5, 0.5, 0.0], &mut half);
+        PixelLobes { light: &light, lobes: &[fade_only, fade_only, fade_only] }.correct([0, 1, 2], [0.5, 0.5, 0.0], VIEW, &mut half);
         assert!(half.iter().flatten().all(|value| (value - 1.0).abs() < 1e-5), "equal lobes need no correction: {half:?}");
     }
 }
