@@ -11,20 +11,20 @@
 //! # Ok(()) }
 //! ```
 //!
-//! An asset with transfer gets its indirect light on top of the exact direct light ([`Relighter::set_indirect`] turns that off); preparing a
-//! light then also filters it ([`crate::vmf_transfer::light`]), and direct highlights between points are looked up per pixel too
-//! ([`crate::vmf_transfer::highlight`]). Without transfer, [`Relighter::set_light`] does not allocate after its first
-//! call; [`Relighter::shade`] never does. Diffuse light is computed once per light and patch, and kept while only the view moves; glossy
+//! An asset with transfer gets its indirect light on top of the exact direct light ([`Relighter::set_indirect`] turns that off). Direct
+//! highlights between points are looked up per pixel where [`Relighter::set_highlights`] asks for it, as it does from the start where there is
+//! transfer. For both, preparing a light also filters it ([`crate::vmf_transfer::light`]); without, [`Relighter::set_light`] does not allocate after
+//! its first call. [`Relighter::shade`] never does. Diffuse light is computed once per light and patch, and kept while only the view moves; glossy
 //! light follows the eye, to an [`Accuracy`]. [`Relighter::set_material`] changes a surface without a bake.
 
+mod work;
+
+use crate::asset::Asset;
 use crate::asset::mesh::Mesh;
-use crate::asset::points::PATCH_POINTS;
 use crate::asset::surface::PointSurfaces;
-use crate::asset::{Asset, AssetPatch};
 use crate::block_product::brdf::PointLobe;
 use crate::block_product::change::{LightChange, update_diffuse};
-use crate::block_product::{Accuracy, Glossy, Light, SimdPath, shade_lobes, shade_moments};
-use crate::brdf::surface::COAT_F0;
+use crate::block_product::{Accuracy, Glossy, Light};
 use crate::brdf::{Lobe, Measured, ggx};
 use crate::draw::at_points::{PointImage, draw_at_points};
 use crate::draw::camera::Camera;
@@ -37,9 +37,9 @@ use crate::surface::detail::{Detail, fill_details, has_detail, point_lobe};
 use crate::surface::lune::{Lune, is_bent};
 use crate::surface::{AlphaMode, Material, Model};
 use crate::vmf_transfer::FilteredLight;
-use crate::vmf_transfer::highlight::keep_highlights;
+use crate::vmf_transfer::highlight::Highlight;
 use crate::vmf_transfer::pixel::{EyeLobes, PixelLobes};
-use crate::vmf_transfer::shade::{add_glossy, add_irradiance};
+use work::{Part, Work};
 
 /// Buffers for the light at every point of an asset.
 pub struct Relighter<'a> {
@@ -55,8 +55,12 @@ pub struct Relighter<'a> {
     glossy: Vec<Glossy>,
     /// `[points]` radiance of a whole clear coat; empty while no material has one.
     coat: Vec<[f32; 3]>,
-    /// `[points]` lobes toward the eye, of indirect and of direct light; empty without transfer.
+    /// `[points]` lobes of indirect light toward the eye; empty without transfer.
     lobes: Vec<EyeLobes>,
+    /// `[points]` direct light between them; empty while highlights are off.
+    highlights: Vec<Highlight>,
+    /// The light in which lobes and highlights are looked up; none where neither is wanted.
+    filtered: Option<FilteredLight>,
     surfaces: Surfaces<'a>,
     accuracy: Accuracy,
     /// What [`Relighter::change_light`] compares with.
@@ -118,132 +122,7 @@ impl Surfaces<'_> {
 /// What indirect light needs besides the chunks.
 struct Indirect {
     solid: Icosahedron,
-    light: Option<FilteredLight>,
     is_on: bool,
-}
-
-impl Indirect {
-    fn light(&self) -> Option<(&Icosahedron, &FilteredLight)> {
-        self.light.as_ref().filter(|_| self.is_on).map(|light| (&self.solid, light))
-    }
-}
-
-/// A run of patches and its part of every buffer.
-struct Work<'a> {
-    light: &'a Light,
-    surfaces: &'a Surfaces<'a>,
-    accuracy: Accuracy,
-    indirect: Option<(&'a Icosahedron, &'a FilteredLight)>,
-    /// Where the asset has transfer, whether or not it is on.
-    filtered: Option<&'a FilteredLight>,
-    /// `None`: diffuse light alone.
-    eye: Option<[f32; 3]>,
-    wanted: Option<&'a [bool]>,
-    patches: &'a [AssetPatch],
-    is_lit: &'a mut [bool],
-    irradiance: &'a mut [[[f32; 3]; 3]],
-    /// Empty while no material has a normal map.
-    lune: &'a mut [Lune],
-    glossy: &'a mut [Glossy],
-    /// Empty while no material has a clear coat.
-    coat: &'a mut [[f32; 3]],
-    /// Empty without transfer.
-    lobes: &'a mut [EyeLobes],
-}
-
-impl Work<'_> {
-    /// Patches that are not worth splitting: about a millisecond.
-    const GRAIN: usize = 8;
-
-    /// Shades the patches that hold a wanted point, halves on two threads where there are any; returns how many points that were.
-    fn run(self) -> usize {
-        if self.patches.len() <= Self::GRAIN || cfg!(not(feature = "parallel")) {
-            return self.run_here();
-        }
-        let (patches, later_patches) = self.patches.split_at(self.patches.len() / 2);
-        let points = later_patches[0].points.start - patches[0].points.start;
-        let (is_lit, later_is_lit) = self.is_lit.split_at_mut(patches.len());
-        let (irradiance, later_irradiance) = self.irradiance.split_at_mut(points);
-        let (lune, later_lune) = self.lune.split_at_mut(points.min(self.lune.len()));
-        let (glossy, later_glossy) = self.glossy.split_at_mut(points);
-        let (coat, later_coat) = self.coat.split_at_mut(points.min(self.coat.len()));
-        let (lobes, later_lobes) = self.lobes.split_at_mut(points.min(self.lobes.len()));
-        let Work { light, indirect, filtered, surfaces, accuracy, eye, wanted, .. } = self;
-        let first =
-            Work { light, indirect, filtered, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, lune, glossy, coat, lobes };
-        let (patches, is_lit, irradiance, glossy, coat) = (later_patches, later_is_lit, later_irradiance, later_glossy, later_coat);
-        let (lune, lobes) = (later_lune, later_lobes);
-        let later =
-            Work { light, indirect, filtered, surfaces, accuracy, eye, wanted, patches, is_lit, irradiance, lune, glossy, coat, lobes };
-        let (a, b) = join(|| first.run(), || later.run());
-        a + b
-    }
-
-    fn run_here(self) -> usize {
-        let start = self.patches.first().map_or(0, |patch| patch.points.start);
-        let mut shaded = 0;
-        for (patch, is_lit) in self.patches.iter().zip(self.is_lit) {
-            if self.wanted.is_some_and(|wanted| !wanted[patch.points.clone()].contains(&true)) {
-                continue;
-            }
-            let range = patch.points.start - start..patch.points.end - start;
-            let visibility = patch.visibility();
-            let transfer = self.indirect.zip(patch.transfer());
-            if !std::mem::replace(is_lit, true) {
-                let irradiance = &mut self.irradiance[range.clone()];
-                let mut second = [[0.0; 6]; PATCH_POINTS];
-                let is_bent = !self.lune.is_empty() && is_bent(patch, self.surfaces.baked);
-                let second = if is_bent { &mut second[..patch.points.len()] } else { &mut [] };
-                shade_moments(SimdPath::detect(), self.light, &visibility, irradiance, second);
-                if let Some(((_, light), transfer)) = &transfer {
-                    add_irradiance(light, transfer, patch.points().normal, irradiance, second);
-                }
-                for (at, second) in second.iter().enumerate() {
-                    self.lune[range.start + at] = Lune::new(&irradiance[at], *second, patch.points().normal[at]);
-                }
-            }
-            shaded += patch.points.len();
-            let Some(eye) = self.eye else { continue };
-            let (position, averages, first) = (patch.points().position, patch.surfaces(), patch.points.start);
-            let (path, surfaces) = (SimdPath::detect(), self.surfaces);
-            let lobe = |i: usize| surfaces.lobe(&averages, i, first + i);
-            shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, eye, &mut self.glossy[range.clone()]);
-            if let Some(light) = self.filtered {
-                keep_highlights(light, position, lobe, eye, &self.glossy[range.clone()], &mut self.lobes[range.clone()]);
-            }
-            if let Some(((solid, light), transfer)) = &transfer {
-                add_glossy(
-                    light,
-                    solid,
-                    transfer,
-                    position,
-                    averages.normal,
-                    eye,
-                    &mut self.glossy[range.clone()],
-                    &mut self.lobes[range.clone()],
-                );
-            }
-            let is_coated = |material: &u32| surfaces.materials[*material as usize].clearcoat > 0.0;
-            if !self.coat.is_empty() && averages.material.iter().any(is_coated) {
-                let mut terms = [Glossy::default(); PATCH_POINTS];
-                let terms = &mut terms[..patch.points.len()];
-                let lobe = |i: usize| surfaces.coat(&averages, i, first + i);
-                shade_lobes(path, self.accuracy, self.light, position, lobe, &visibility, eye, terms);
-                for (coat, [base, rest]) in self.coat[range].iter_mut().zip(terms) {
-                    *coat = std::array::from_fn(|k| COAT_F0 * base[k] + rest[k]);
-                }
-            }
-        }
-        shaded
-    }
-}
-
-#[cfg(feature = "parallel")]
-use rayon::join;
-
-#[cfg(not(feature = "parallel"))]
-fn join<A, B>(a: impl FnOnce() -> A, b: impl FnOnce() -> B) -> (A, B) {
-    (a(), b())
 }
 
 /// What one camera sees of an asset.
@@ -254,7 +133,7 @@ pub struct View {
 }
 
 impl<'a> Relighter<'a> {
-    /// Buffers for all points: 80 bytes each, 220 where the asset has transfer; 32 more with normal maps.
+    /// Buffers for all points: 80 bytes each, 88 more where the asset has transfer, 52 with highlights, 32 with normal maps.
     pub fn new(asset: &'a Asset) -> Self {
         let has_transfer = asset.patches.iter().any(|patch| patch.transfer().is_some());
         let has_normal_map = asset.materials().iter().any(|material| material.normal_texture.is_some());
@@ -263,9 +142,11 @@ impl<'a> Relighter<'a> {
         let mut relighter = Relighter {
             asset,
             light: None,
-            indirect: has_transfer.then(|| Indirect { solid: Icosahedron::new(MAX_LEVEL), light: None, is_on: true }),
+            indirect: has_transfer.then(|| Indirect { solid: Icosahedron::new(MAX_LEVEL), is_on: true }),
             coat: Vec::new(),
             lobes: if has_transfer { vec![EyeLobes::default(); asset.n_points()] } else { Vec::new() },
+            highlights: Vec::new(),
+            filtered: None,
             surfaces: Surfaces {
                 materials: asset.materials().to_vec(),
                 baked: asset.materials(),
@@ -283,12 +164,24 @@ impl<'a> Relighter<'a> {
             is_lit: vec![false; asset.patches.len()],
         };
         relighter.fill_details(None);
+        relighter.set_highlights(has_transfer);
         relighter
     }
 
     /// Changes how exactly glossy light is computed; [`Accuracy::FINE`] before.
     pub fn set_accuracy(&mut self, accuracy: Accuracy) {
         self.accuracy = accuracy;
+    }
+
+    /// Whether direct light on curved glossy surfaces is looked up per pixel between points, so that highlights move over them instead of fading
+    /// from point to point ([`crate::vmf_transfer::highlight`]). From the next [`Relighter::set_light`] on, which takes a fifth of a
+    /// second more; drawing takes about a sixth more.
+    pub fn set_highlights(&mut self, is_on: bool) {
+        self.highlights.clear();
+        self.highlights.shrink_to_fit();
+        if is_on {
+            self.highlights.resize(self.asset.n_points(), Highlight::default());
+        }
     }
 
     /// Materials as they are now, as the asset numbers them.
@@ -377,11 +270,11 @@ impl<'a> Relighter<'a> {
             Some(prepared) => prepared.update(light),
             None => self.light = Some(Light::prepare(light)),
         }
-        if let Some(indirect) = &mut self.indirect {
-            indirect.light = Some(FilteredLight::prepare(light));
-            // Those of the last light say nothing about this one's.
-            self.lobes.fill(EyeLobes::default());
-        }
+        let is_wanted = self.indirect.is_some() || !self.highlights.is_empty();
+        self.filtered = is_wanted.then(|| FilteredLight::prepare(light));
+        // Those of the last light say nothing about this one's.
+        self.lobes.fill(EyeLobes::default());
+        self.highlights.fill(Highlight::default());
         self.is_lit.fill(false);
         self.cubemap = None;
     }
@@ -424,6 +317,7 @@ impl<'a> Relighter<'a> {
             && std::mem::replace(&mut indirect.is_on, is_on) != is_on
         {
             self.is_lit.fill(false);
+            self.lobes.fill(EyeLobes::default());
         }
     }
 
@@ -442,29 +336,26 @@ impl<'a> Relighter<'a> {
     fn work(&mut self, eye: Option<[f32; 3]>, wanted: Option<&[bool]>) -> usize {
         let light = self.light.as_ref().expect("set_light comes before shade");
         assert!(wanted.is_none_or(|wanted| wanted.len() == self.irradiance.len()), "one flag per point");
-        let asset = self.asset;
-        let (irradiance, glossy) = (&mut self.irradiance[..], &mut self.glossy[..]);
-        let indirect = self.indirect.as_ref().and_then(Indirect::light);
-        let filtered = self.indirect.as_ref().and_then(|indirect| indirect.light.as_ref());
-        let (surfaces, accuracy, coat) = (&self.surfaces, self.accuracy, &mut self.coat[..]);
-        let is_lit = &mut self.is_lit[..];
-        Work {
+        let filtered = self.filtered.as_ref();
+        let work = Work {
             light,
-            indirect,
-            filtered,
-            surfaces,
-            accuracy,
+            surfaces: &self.surfaces,
+            accuracy: self.accuracy,
+            indirect: self.indirect.as_ref().filter(|indirect| indirect.is_on).zip(filtered),
+            highlights: filtered.filter(|_| !self.highlights.is_empty()),
             eye,
             wanted,
-            patches: &asset.patches,
-            is_lit,
-            irradiance,
+        };
+        work.run(Part {
+            patches: &self.asset.patches,
+            is_lit: &mut self.is_lit,
+            irradiance: &mut self.irradiance,
             lune: &mut self.lune,
-            glossy,
-            coat,
+            glossy: &mut self.glossy,
+            coat: &mut self.coat,
             lobes: &mut self.lobes,
-        }
-        .run()
+            highlights: &mut self.highlights,
+        })
     }
 
     /// `[points][channel][axis]` vector irradiance of the points shaded last, W·m⁻².
@@ -500,7 +391,6 @@ impl<'a> Relighter<'a> {
     }
 
     fn with_scene<T>(&self, background: &(dyn Fn([f32; 3]) -> [f32; 3] + Sync), clay: bool, f: impl FnOnce(&DrawScene) -> T) -> T {
-        let filtered = self.indirect.as_ref().and_then(|indirect| indirect.light.as_ref());
         let objects: Vec<DrawObject> = (self.asset.objects.iter().zip(self.meshes()))
             .map(|(object, mesh)| DrawObject {
                 mesh,
@@ -508,7 +398,11 @@ impl<'a> Relighter<'a> {
                 lune: self.lune.get(object.points.clone()).unwrap_or_default(),
                 glossy: &self.glossy[object.points.clone()],
                 coat: self.coat.get(object.points.clone()).unwrap_or_default(),
-                lobes: filtered.map(|light| PixelLobes { light, lobes: &self.lobes[object.points.clone()] }),
+                lobes: self.filtered.as_ref().map(|light| PixelLobes {
+                    light,
+                    lobes: self.lobes.get(object.points.clone()).unwrap_or_default(),
+                    highlights: self.highlights.get(object.points.clone()).unwrap_or_default(),
+                }),
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();

@@ -92,7 +92,7 @@ impl PictureView {
                 lune: lune.get(object.points.clone()).unwrap_or_default(),
                 glossy: &all.glossy[object.points.clone()],
                 coat: &[],
-                lobes: filtered.map(|light| PixelLobes { light, lobes: &all.lobes[object.points.clone()] }),
+                lobes: filtered.map(|light| PixelLobes { light, lobes: &all.lobes[object.points.clone()], highlights: &[] }),
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();

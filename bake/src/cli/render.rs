@@ -43,7 +43,7 @@ pub struct RenderArgs {
     /// Samples a pixel
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: u32,
-    /// How exact glossy light is: fine for measurements, display for pictures that are looked at, in half the time
+    /// How exact glossy light is: fine for measurements, its highlights looked up per pixel; display as an app with a moving light, in half the time
     #[arg(long, value_enum, default_value = "fine")]
     pub accuracy: GlossyAccuracy,
     /// Plain grey surfaces: no textures, normal maps or emission
@@ -166,6 +166,10 @@ pub fn relight<'a>(
     // Clay has its own bounces, which nobody baked.
     relighter.set_indirect(!picture.clay);
     relighter.set_accuracy(accuracy);
+    // For pictures that are made once; an app with a moving light would wait for the filtered light that it takes.
+    if picture.clay || accuracy == Accuracy::FINE {
+        relighter.set_highlights(!picture.clay);
+    }
     relighter.set_light(&light);
     summary.set("seconds.prepare", clock.elapsed().as_secs_f64());
     summary.set("energy.before", energy.before.to_vec()).set("energy.after", energy.after.to_vec());

@@ -127,7 +127,7 @@ pub(super) fn check_light(scene: &DrawScene) -> Result<(), RuntimeError> {
             || short(object.lune.len(), true)
             || short(object.glossy.len(), true)
             || short(object.coat.len(), true)
-            || object.lobes.is_some_and(|own| short(own.lobes.len(), false))
+            || object.lobes.is_some_and(|own| short(own.lobes.len(), true) || short(own.highlights.len(), true))
             || short(object.point_flags.len(), true)
         {
             let what = format!("light for {} points, its mesh names {needed}", object.irradiance.len());

@@ -16,7 +16,6 @@
 //! warp of Wang et al. 2009.
 
 use super::light::FilteredLight;
-use super::pixel::EyeLobes;
 use crate::block_product::Glossy;
 use crate::block_product::brdf::PointLobe;
 use crate::brdf::{Lobe, phong};
@@ -28,7 +27,7 @@ const LEAST_COSINE: f64 = 0.1;
 
 /// What a point's lobe would reflect toward the eye under an open sky, beside what it does reflect. 52 bytes.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Highlight {
+pub struct Highlight {
     normal: [f32; 3],
     /// 0: none.
     kappa: f32,
@@ -80,21 +79,19 @@ impl Highlight {
     }
 }
 
-/// Keeps what pixels between points need of their direct light, and forgets their other lobes. `lobe(i)`: what point i reflects with; `glossy`: its
-/// direct light alone, toward `eye`. All slices have one element a point.
+/// Keeps what pixels between points need of their direct light. `lobe(i)`: what point i reflects with; `glossy`: its direct light alone, toward
+/// `eye`. All slices have one element a point.
 pub fn keep_highlights<'l>(
     light: &FilteredLight,
     position: &[[f32; 3]],
     lobe: impl Fn(usize) -> PointLobe<'l>,
     eye: [f32; 3],
     glossy: &[Glossy],
-    lobes: &mut [EyeLobes],
+    highlights: &mut [Highlight],
 ) {
-    for (i, own) in lobes.iter_mut().enumerate() {
-        *own = EyeLobes::default();
-        if let Some(view) = unit(std::array::from_fn(|k| eye[k] - position[i][k])) {
-            own.highlight = Highlight::at(light, &lobe(i), view, &glossy[i]);
-        }
+    for (i, own) in highlights.iter_mut().enumerate() {
+        let view = unit(std::array::from_fn(|k| eye[k] - position[i][k]));
+        *own = view.map_or(Highlight::default(), |view| Highlight::at(light, &lobe(i), view, &glossy[i]));
     }
 }
 

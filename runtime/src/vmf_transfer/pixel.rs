@@ -27,11 +27,10 @@ struct EyeLobe {
     radiance: [f32; 3],
 }
 
-/// The lobes of a point toward the eye, of indirect light and of direct. 140 bytes.
+/// The lobes of a point toward the eye. 88 bytes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EyeLobes {
     slots: [EyeLobe; SLICE_LOBES],
-    pub(super) highlight: Highlight,
 }
 
 /// What pixels look lobes up with.
@@ -39,8 +38,10 @@ pub struct EyeLobes {
 pub struct PixelLobes<'a> {
     /// The light that the points were shaded in.
     pub light: &'a FilteredLight,
-    /// `[points]`
+    /// `[points]` of indirect light. Empty: none.
     pub lobes: &'a [EyeLobes],
+    /// `[points]` of direct light. Empty: none, it stays linear.
+    pub highlights: &'a [Highlight],
 }
 
 impl EyeLobes {
@@ -80,8 +81,10 @@ impl PixelLobes<'_> {
     /// Adds moved − linear to glossy light that was interpolated between three points, and what [`super::highlight`] says of direct light
     /// toward the unit direction `view`.
     pub fn correct(&self, points: [usize; 3], weights: [f32; 3], view: [f32; 3], glossy: &mut Glossy) {
-        highlight::correct(self.light, points.map(|point| &self.lobes[point].highlight), weights, view, glossy);
-        for slot in 0..SLICE_LOBES {
+        if !self.highlights.is_empty() {
+            highlight::correct(self.light, points.map(|point| &self.highlights[point]), weights, view, glossy);
+        }
+        for slot in 0..if self.lobes.is_empty() { 0 } else { SLICE_LOBES } {
             let corners = points.map(|point| &self.lobes[point].slots[slot]);
             let say: [f32; 3] = std::array::from_fn(|k| weights[k] * luminance(corners[k].lobe.weight));
             let sum = say[0] + say[1] + say[2];
@@ -153,7 +156,7 @@ pub(super) mod tests {
         let lobes = [left, right];
         let linear: Glossy = std::array::from_fn(|t| std::array::from_fn(|c| 0.5 * (left_light[t][c] + right_light[t][c])));
         let mut moved = linear;
-        PixelLobes { light: &light, lobes: &lobes }.correct([0, 1, 0], [0.25, 0.5, 0.25], VIEW, &mut moved);
+        PixelLobes { light: &light, lobes: &lobes, highlights: &[] }.correct([0, 1, 0], [0.25, 0.5, 0.25], VIEW, &mut moved);
         for term in 0..2 {
             let (before, after) = (linear[term][1] / truth[term][1] - 1.0, moved[term][1] / truth[term][1] - 1.0);
             assert!(before < -0.1 && after.abs() < 0.01, "{term}: {before} {after}");
@@ -170,7 +173,7 @@ pub(super) mod tests {
         let (near, near_light) = look_up(&light, &[black(), one(0.05, 60.0)]);
         let (faded, faded_light) = look_up(&light, &far);
         let lobes = [near, faded, EyeLobes::default()];
-        let drawn = PixelLobes { light: &light, lobes: &lobes };
+        let drawn = PixelLobes { light: &light, lobes: &lobes, highlights: &[] };
         for (point, own) in [(0, near_light), (1, faded_light), (2, Glossy::default())] {
             let mut got = own;
             drawn.correct([point, 2, (point + 1) % 3], [1.0, 0.0, 0.0], VIEW, &mut got);
@@ -178,9 +181,9 @@ pub(super) mod tests {
             assert!(got.iter().flatten().zip(own.iter().flatten()).all(|(a, b)| close(a, b)), "{point}: {got:?} {own:?}");
         }
         // Nothing is left of the fade but its light at the point: half way it is halved, whatever the other slot does.
-        let fade_only = EyeLobes { slots: [EyeLobe::default(), near.slots[1]], ..near };
+        let fade_only = EyeLobes { slots: [EyeLobe::default(), near.slots[1]] };
         let mut half = [[1.0; 3]; 2];
-        PixelLobes { light: &light, lobes: &[fade_only, fade_only, fade_only] }.correct([0, 1, 2], [0.5, 0.5, 0.0], VIEW, &mut half);
+        PixelLobes { light: &light, lobes: &[fade_only; 3], highlights: &[] }.correct([0, 1, 2], [0.5, 0.5, 0.0], VIEW, &mut half);
         assert!(half.iter().flatten().all(|value| (value - 1.0).abs() < 1e-5), "equal lobes need no correction: {half:?}");
     }
 }
