@@ -10,6 +10,11 @@
 //! closed form of print is 5 % too wide or narrow at worst; Newton steps and the factor for finite samples leave no bias that can be
 //! measured from M_eff = 10 on. κ ends at [`KAPPA_MAX`]: one sample, or equal ones, say nothing about width.
 //! Source: \[LD09\] Eq. 13 to 15, errata 5 and 6.
+//!
+//! One mean and width serve all channels. A second lobe where channels disagree was tried and does not pay: paths were told apart by colour
+//! where the lobe of one channel alone lies 0.1 of its norm from the shared one (13 % of 45 lit points of an apartment, 41 % of 58 of a room of
+//! furniture). Light toward the eye under a sky with a lamp, GGX of roughness 0.3 and 0.6, against the sum over the same paths: 0.98 to 1.02
+//! times the relative L2 of one lobe, 0.92 to 1.04 at those points alone, for twice the bytes.
 
 use prelight_runtime::sphere::vmf::{KAPPA_MAX, kappa_from_spread};
 use prelight_runtime::vmf_transfer::Lobe;
@@ -89,22 +94,6 @@ pub fn fit_lobe(samples: &[PathSample], generated: u64) -> FittedLobe {
     fit_weighted(samples, |_| 1.0, generated as f64)
 }
 
-/// Whether one mean and width cannot serve all channels: the lobes of single channels lie further than `budget` of their norm from it.
-///
-/// Channels that carry less than a tenth of the largest one do not ask.
-pub fn channels_disagree(samples: &[PathSample], generated: u64, shared: &Lobe, budget: f64) -> bool {
-    let largest = shared.weight.iter().copied().fold(0.0, f32::max);
-    (0..3).any(|c| {
-        if shared.weight[c] <= 0.1 * largest {
-            return false;
-        }
-        let alone: Vec<PathSample> = samples.iter().map(|s| PathSample { weight: [s.weight[c]; 3], ..*s }).collect();
-        let own = fit_lobe(&alone, generated);
-        let [own, shared] = [own.lobe, *shared].map(|lobe| Lobe { weight: [1.0; 3], ..lobe });
-        own.distance(&shared) > budget * own.norm().max(shared.norm())
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -180,18 +169,5 @@ mod tests {
         assert!((f64::from(fitted.lobe.kappa) / kappa - 1.0).abs() < 0.03, "{fitted:?}");
         assert!((fitted.lobe.weight[0] - 0.27).abs() < 0.005);
         assert!((0.8..1.0).contains(&(fitted.effective_samples / 20_000.0)));
-    }
-
-    #[test]
-    fn channels_that_point_elsewhere_are_noticed() {
-        let mut samples = drawn([0.0, 0.0, 1.0], 50.0, 2000, 1);
-        samples.iter_mut().for_each(|s| s.weight = [1.0, 0.5, 0.02]);
-        let shared = fit_lobe(&samples, 2000).lobe;
-        assert!(!channels_disagree(&samples, 2000, &shared, 0.2));
-        let mut blue = drawn([0.6, 0.0, 0.8], 50.0, 2000, 2);
-        blue.iter_mut().for_each(|s| s.weight = [0.0, 0.0, 1.0]);
-        samples.extend(blue);
-        let shared = fit_lobe(&samples, 4000).lobe;
-        assert!(channels_disagree(&samples, 4000, &shared, 0.2));
     }
 }

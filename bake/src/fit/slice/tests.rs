@@ -72,7 +72,8 @@ fn errors_and_energies_are_those_of_the_study() {
 
 #[test]
 fn a_lobe_is_found_again_at_any_width() {
-    for kappa in [3.0, 30.0, 1e3, 3e4] {
+    // A wider one crosses the horizon, below which slices are black.
+    for kappa in [30.0, 1e3, 3e4] {
         let mu = [0.48, 0.0, 0.8773825];
         let length = dot(mu, mu).sqrt();
         let mu = mu.map(|c| c / length);
@@ -81,8 +82,7 @@ fn a_lobe_is_found_again_at_any_width() {
         let fit = fit_slice(&slice, mu, Estimator::LeastSquares(1));
         assert!((fit.lobes[0].kappa / kappa - 1.0).abs() < 1e-3, "{kappa}: {fit:?}");
         assert!(chord_squared(fit.lobes[0].mu, mu) * kappa < 1e-4, "{kappa}: {fit:?}");
-        // Energy is matched above the horizon alone, which the widest lobe crosses.
-        assert!(kappa < 10.0 || fit.relative_l2 < 0.01, "{kappa}: {fit:?}");
+        assert!(fit.relative_l2 < 0.01, "{kappa}: {fit:?}");
         let moments = fit_slice(&slice, mu, Estimator::Moments);
         assert!((moments.lobes[0].kappa / kappa - 1.0).abs() < 0.02, "{kappa}: {moments:?}");
     }
@@ -96,4 +96,18 @@ fn moments_keep_the_energy_and_black_stays_black() {
     assert!((fit.lobes[0].weight / albedo - 1.0).abs() < 0.003 && (0.2..0.3).contains(&error), "{fit:?} {albedo} {error}");
     let black = fit_slice(&|_| 0.0, [0.0, 0.0, 1.0], Estimator::LeastSquares(2));
     assert_eq!((black.albedo, black.lobes[0].weight), (0.0, 0.0));
+}
+
+#[test]
+fn two_wide_lobes_hold_their_energy_for_little_of_their_error() {
+    // Height of the view, least error of two lobes for Blinn–Phong 8 whatever their energy: from many starts on a grid of 100 × 80.
+    for (height, least) in [(0.15, 0.0977), (0.3, 0.0652), (0.5, 0.0484), (0.6, 0.0480), (0.7, 0.0501), (0.8, 0.0530)] {
+        let (slice, peak) = blinn_phong(8.0, libm::acos(height).to_degrees());
+        let fit = fit_slice(&slice, peak, Estimator::LeastSquares(2));
+        let [error, albedo, above] = on_a_grid(&slice, &fit.lobes);
+        println!("Blinn-Phong 8 at {height}: {error:.4}, at least {least}; energy {:.4}", above / albedo);
+        // Scaling the weights alone would take 1.07.
+        assert!(error < 1.045 * least, "{height}: {error} {least}");
+        assert!((above / albedo - 1.0).abs() < 0.005, "{height}: {above} of {albedo}");
+    }
 }
