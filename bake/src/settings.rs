@@ -1,7 +1,7 @@
 //! From a scene manifest and the command line's knobs to what a bake is decided by.
 
 use crate::bake::{BakeOptions, RebakeOptions};
-use crate::budget::{Choice, choose};
+use crate::budget::{Choice, Directions, choose};
 use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::counts::{Counter, Counts};
@@ -33,6 +33,8 @@ pub struct Settings {
     pub budgets: Vec<Option<f64>>,
     /// `[objects]` what each object has without a budget.
     pub unbudgeted: Vec<PointParams>,
+    /// Directions that a budget may choose from: what the scene pins, or all of [`Directions::LADDER`].
+    pub directions: Vec<Directions>,
     /// What the budgets chose; empty before [`Settings::meet_budgets`] and where there are none.
     pub choices: Vec<Choice>,
 }
@@ -102,7 +104,16 @@ impl Settings {
         let points = count_points_of(&counter, &options.points, known)?;
         let budgets = objects.iter().map(|object| object.max_error).collect();
         let unbudgeted = options.points.clone();
-        Ok(Settings { options, edge_length, derived: pinned.is_none(), points, budgets, unbudgeted, choices: Vec::new() })
+        let pins = &manifest.bake;
+        let is_allowed = |of: &&Directions| {
+            pins.face_resolution.is_none_or(|pinned| pinned == of.face_resolution) && pins.visibility.unwrap_or_default() == of.shades
+        };
+        let mut directions: Vec<Directions> = Directions::LADDER.iter().filter(is_allowed).copied().collect();
+        // Shades that the ladder has not, or indirect light, whose lobes were baked and fitted at the preset's directions.
+        if directions.is_empty() || options.transfer.iter().any(Option::is_some) {
+            directions = vec![Directions { face_resolution: options.face_resolution, shades: options.visibility }];
+        }
+        Ok(Settings { options, edge_length, derived: pinned.is_none(), points, budgets, unbudgeted, directions, choices: Vec::new() })
     }
 
     /// Chooses the edge length of every object that has a budget of error; does nothing where none has.
@@ -115,8 +126,9 @@ impl Settings {
         }
         let options = OccluderOptions { quality: self.options.tree, ..OccluderOptions::default() };
         let occluders = Occluders::build(world, &scene.textures, options);
-        let (params, face_resolution) = (&self.options.points, self.options.face_resolution);
-        self.choices = choose(scene, world, &occluders, params, &self.budgets, face_resolution, progress)?;
+        let (directions, choices) = choose(scene, world, &occluders, &self.options.points, &self.budgets, &self.directions, progress)?;
+        self.choices = choices;
+        (self.options.face_resolution, self.options.visibility) = (directions.face_resolution, directions.shades);
         for choice in &self.choices {
             self.options.points[choice.object] = choice.params;
             self.points[choice.object] = choice.points;

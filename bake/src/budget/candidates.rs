@@ -9,12 +9,14 @@
 //! Price of a candidate: its points. Work of a bake, work of a frame and bytes are in proportion to them at one face resolution and one depth of bits.
 
 use super::around::refine_around;
+use super::directions::Directions;
 use super::measure::{Sums, measure_planned};
 use super::places::Places;
 use super::probes::Probes;
 use super::traced::Tracing;
 use crate::error::BakeError;
 use crate::plan::buried::BuriedProbe;
+use crate::plan::weld::BaseMesh;
 use crate::plan::{ObjectPlan, PointParams, plan_object};
 use crate::refine::count_object;
 use crate::scene::Scene;
@@ -27,12 +29,17 @@ pub const PLACES: usize = 160;
 pub const LENGTHS: [f32; 8] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625];
 /// As many of them any object may be asked for.
 const FREE_LENGTHS: usize = 5;
+/// The others where the one before them has fewer points than the object has without a budget, or than this: a small object may be as fine as its
+/// budget needs, whatever its edge length.
+const LEAST_POINTS: u64 = 4096;
 /// Unrest that borders keep, in units of that edge length squared.
-pub const BORDERS: [f32; 6] = [f32::INFINITY, 4.0, 1.0, 0.25, 1.0 / 16.0, 1.0 / 64.0];
+pub const BORDERS: [f32; 8] = [f32::INFINITY, 4.0, 1.0, 0.25, 1.0 / 16.0, 1.0 / 64.0, 1.0 / 256.0, 1.0 / 1024.0];
 /// Shortest edge at a border, in units of that edge length.
 const FINEST: f32 = 1.0 / 32.0;
+/// The same in units of a candidate's own edges, where that is shorter.
+const SHORTEST: f32 = 1.0 / 8.0;
 /// A candidate is taken only if it stays below this share of the budget: places are few, and other suns throw their borders elsewhere.
-pub const MARGIN: f64 = 0.5;
+pub const MARGIN: f64 = 0.75;
 
 /// One candidate of an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,7 +52,7 @@ pub struct Candidate {
     pub params: PointParams,
     /// Points that it is expected to have.
     pub points: u64,
-    /// Error on the probes that steer.
+    /// Error on the probes that steer ([`Sums::judged`]).
     pub predicted: f64,
 }
 
@@ -62,7 +69,8 @@ pub fn params(own: &PointParams, length: usize, border: usize) -> PointParams {
     if BORDERS[border].is_infinite() {
         return at_length;
     }
-    let area_floor = at_length.area_floor.min(FINEST / LENGTHS[length]);
+    // In units of this candidate's own edges; short ones may be divided as well.
+    let area_floor = at_length.area_floor.min(FINEST / LENGTHS[length]).min(SHORTEST);
     PointParams { area_floor, most_unrest: BORDERS[border] * own.edge_length * own.edge_length, ..at_length }
 }
 
@@ -95,11 +103,31 @@ impl<'a> Question<'a> {
         object: usize,
         own: &PointParams,
         probes: &'a Probes,
-        face_resolution: u32,
+        directions: Directions,
+    ) -> Result<Self, BakeError> {
+        let base = BaseMesh::build(scene, world, object);
+        let places = Places::new(&base, world, occluders, solids, own.edge_length, probes, PLACES);
+        Self::at(scene, world, occluders, solids, object, own, probes, directions, places)
+    }
+
+    /// The same at known places.
+    ///
+    /// # Errors
+    /// As [`Question::new`].
+    #[expect(clippy::too_many_arguments, reason = "a scene, what blocks light in it, an object and how it is judged")]
+    pub fn at(
+        scene: &'a Scene,
+        world: &'a World,
+        occluders: &'a Occluders,
+        solids: &'a BuriedProbe<'a>,
+        object: usize,
+        own: &PointParams,
+        probes: &'a Probes,
+        directions: Directions,
+        places: Places,
     ) -> Result<Self, BakeError> {
         let coarsest = plan_object(scene, world, object, &params(own, 0, 0))?;
-        let places = Places::new(&coarsest.base, world, occluders, solids, own.edge_length, probes, PLACES);
-        let tracing = Tracing::new(occluders, probes, solids, own.edge_length, face_resolution as usize);
+        let tracing = Tracing::new(occluders, probes, solids, own.edge_length, directions);
         let own_points = count_object(&coarsest.base, own, u64::MAX).points;
         let plans = std::array::from_fn(|length| [(length == 0).then(|| coarsest.clone()), None]);
         Ok(Question { scene, world, object, own: *own, probes, places, tracing, own_points, plans })
@@ -113,7 +141,7 @@ impl<'a> Question<'a> {
         if length < FREE_LENGTHS {
             return Ok(true);
         }
-        let own_points = self.own_points;
+        let own_points = self.own_points.max(LEAST_POINTS);
         Ok((self.plan(length - 1, 0)?.n_points() as u64) < own_points)
     }
 
@@ -121,6 +149,11 @@ impl<'a> Question<'a> {
     pub fn counted(&self, length: usize) -> u64 {
         let base = &self.plans[0][0].as_ref().expect("planned first").base;
         count_object(base, &params(&self.own, length, 0), u64::MAX).points
+    }
+
+    /// What points lose where they stand, however many there are: [`Places::point_error`].
+    pub fn point_error(&self) -> Sums {
+        self.places.point_error(&self.tracing)
     }
 
     fn plan(&mut self, length: usize, border: usize) -> Result<&ObjectPlan, BakeError> {
@@ -149,6 +182,6 @@ impl<'a> Question<'a> {
         let plan = self.plans[length][usize::from(border > 0)].as_ref().expect("just planned");
         let (near, points) = refine_around(plan, &params, &self.places, &self.tracing)?;
         let sums = measure_planned(&near, &self.places, self.probes, &self.tracing);
-        Ok((Candidate { length, border, params, points, predicted: sums.relative_l2() }, sums))
+        Ok((Candidate { length, border, params, points, predicted: sums.judged(0..sums.truth.len()) }, sums))
     }
 }

@@ -1,10 +1,13 @@
 //! Which candidate meets a budget; see [`super`].
 
-use super::candidates::{BORDERS, Candidate, LENGTHS, Question};
+use super::candidates::{BORDERS, Candidate, LENGTHS, PLACES, Question};
+use super::directions::{Asked, Directions, enough, least};
+use super::places::Places;
 use super::probes::Probes;
 use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::buried::BuriedProbe;
+use crate::plan::weld::BaseMesh;
 use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::World;
@@ -12,7 +15,7 @@ use crate::trace::Occluders;
 use rayon::prelude::*;
 
 /// Where nothing meets a budget: the cheapest candidate whose error is at most this many times the least.
-const NEAR_FLOOR: f64 = 1.05;
+const NEAR_FLOOR: f64 = 1.25;
 
 /// What was chosen for an object.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,34 +26,60 @@ pub struct Choice {
     pub budget: f64,
     /// Error on the probes that steer, at what was chosen.
     pub predicted: f64,
+    /// Of a declared object, what directions and bits alone lose, however many points there are; else 0.
+    pub at_points: f64,
     /// What was chosen.
     pub params: PointParams,
     /// Points that it is expected to have.
     pub points: u64,
-    /// Nothing allowed meets the budget; the nearest was taken, and `predicted` is the floor.
+    /// Nothing allowed is sure to meet the budget; the nearest was taken, and `predicted` is the floor.
     pub is_declared: bool,
 }
 
-/// For each object that has a budget, the cheapest candidate that meets it. `params` are those of each object without one.
+/// The directions of the bake, the least of those `allowed` that do ([`super::directions`]), and for each object that has a budget the cheapest
+/// candidate that meets it. `params` are those of each object without one.
 ///
-/// Pure: no clock, no thread count. An object's choice depends on the object, its knobs and on what can block its light.
+/// Pure: no clock, no thread count. Directions depend on all objects that have a budget; given them, an object's choice depends on the object, its knobs
+/// and on what can block its light.
 ///
 /// # Errors
 /// A candidate that cannot be planned; [`BakeError::Cancelled`].
+///
+/// # Panics
+/// Where no directions are allowed.
 pub fn choose(
     scene: &Scene,
     world: &World,
     occluders: &Occluders,
     params: &[PointParams],
     budgets: &[Option<f64>],
-    face_resolution: u32,
+    allowed: &[Directions],
     progress: &dyn Progress,
-) -> Result<Vec<Choice>, BakeError> {
-    let (probes, solids) = (Probes::steering(face_resolution), BuriedProbe::new(scene, world));
+) -> Result<(Directions, Vec<Choice>), BakeError> {
+    let solids = BuriedProbe::new(scene, world);
+    let mut faces: Vec<u32> = allowed.iter().map(|directions| directions.face_resolution).collect();
+    faces.dedup();
+    let all_probes: Vec<Probes> = faces.into_iter().map(Probes::steering).collect();
     let wanted: Vec<(usize, f64)> = budgets.iter().enumerate().filter_map(|(object, budget)| Some((object, (*budget)?))).collect();
+    let stage = Stage::begin(progress, "directions", Some(wanted.len() as u64), "objects");
+    let asked = |&(object, budget): &(usize, f64)| {
+        check(progress)?;
+        let (base, edge_length) = (BaseMesh::build(scene, world, object), params[object].edge_length);
+        let places = Places::new(&base, world, occluders, &solids, edge_length, &all_probes[0], PLACES);
+        let asked = Asked { budget, edge_length, places };
+        let found = if allowed.len() > 1 { enough(&asked, allowed, &all_probes, occluders, &solids) } else { 0 };
+        stage.advance(1);
+        Ok((asked, found))
+    };
+    let (asked, found): (Vec<Asked>, Vec<usize>) =
+        wanted.par_iter().with_max_len(1).map(asked).collect::<Result<Vec<_>, BakeError>>()?.into_iter().unzip();
+    drop(stage);
+    let directions = least(&found, allowed);
+    let is_of = |probes: &&Probes| probes.face_resolution == directions.face_resolution as usize;
+    let probes = all_probes.iter().find(is_of).expect("probes of every face resolution");
     let stage = Stage::begin(progress, "budget", Some(wanted.len() as u64), "objects");
-    let choices = wanted.par_iter().with_max_len(1).map(|&(object, budget)| {
-        let mut question = Question::new(scene, world, occluders, &solids, object, &params[object], &probes, face_resolution)?;
+    let choices = wanted.par_iter().zip(asked).with_max_len(1).map(|(&(object, budget), asked)| {
+        let mut question = Question::at(scene, world, occluders, &solids, object, &params[object], probes, directions, asked.places)?;
         let ask = |length: usize, border: usize| {
             check(progress)?;
             if border == 0 && !question.allows(length)? {
@@ -60,10 +89,11 @@ pub fn choose(
         };
         let found = cheapest(budget, ask)?;
         stage.advance(1);
-        let is_declared = found.predicted > budget;
-        Ok(Choice { object, budget, predicted: found.predicted, params: found.params, points: found.points, is_declared })
+        let is_declared = !found.meets(budget);
+        let at_points = if is_declared { question.point_error().judged(0..probes.lights.len()) } else { 0.0 };
+        Ok(Choice { object, budget, predicted: found.predicted, at_points, params: found.params, points: found.points, is_declared })
     });
-    choices.collect()
+    Ok((directions, choices.collect::<Result<_, BakeError>>()?))
 }
 
 /// The cheapest candidate that meets a budget with the margin, of those that `ask` is asked for (`None`: this edge length is not allowed, nor is

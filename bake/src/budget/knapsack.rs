@@ -10,6 +10,7 @@
 //! What is declared is counted on both sides as the planner has it: it meets nothing, and no setting is judged by it.
 
 use super::candidates::{BORDERS, Candidate, LENGTHS, Question};
+use super::directions::Directions;
 use super::probes::Probes;
 use crate::error::BakeError;
 use crate::plan::PointParams;
@@ -25,7 +26,7 @@ use rayon::prelude::*;
 pub struct Contest {
     /// Relative L2 asked for.
     pub budget: f64,
-    /// Objects that no candidate brings below it.
+    /// Objects that no candidate is sure to bring below it.
     pub declared: usize,
     /// Points of the planner's choice, objects that are not declared.
     pub planner_points: u64,
@@ -56,13 +57,13 @@ pub fn candidates(
     world: &World,
     occluders: &Occluders,
     params: &[PointParams],
-    face_resolution: u32,
+    directions: Directions,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<Candidate>>, BakeError> {
-    let (probes, solids) = (Probes::steering(face_resolution), BuriedProbe::new(scene, world));
+    let (probes, solids) = (Probes::steering(directions.face_resolution), BuriedProbe::new(scene, world));
     let stage = Stage::begin(progress, "candidates", Some(scene.objects.len() as u64), "objects");
     let object = |object: usize| {
-        let mut question = Question::new(scene, world, occluders, &solids, object, &params[object], &probes, face_resolution)?;
+        let mut question = Question::new(scene, world, occluders, &solids, object, &params[object], &probes, directions)?;
         let mut all: Vec<Candidate> = Vec::new();
         for length in 0..LENGTHS.len() {
             let is_allowed = question.allows(length)?;
@@ -84,13 +85,9 @@ pub fn candidates(
 
 /// Both sides at a budget. `objects` as [`candidates`] gives them.
 pub fn contest(objects: &[Vec<Candidate>], budget: f64) -> Contest {
-    let least = |object: &Vec<Candidate>| object.iter().map(|candidate| candidate.predicted).fold(f64::INFINITY, f64::min);
-    let (met, declared): (Vec<&Vec<Candidate>>, Vec<_>) = objects.iter().partition(|object| least(object) <= budget);
-    // As the planner's: where the margin cannot be kept, the budget itself is what is left to keep.
-    let meets = |object: &[Candidate], at: usize| match object.iter().any(|candidate| candidate.meets(budget)) {
-        true => object[at].meets(budget),
-        false => object[at].predicted <= budget,
-    };
+    let (met, declared): (Vec<&Vec<Candidate>>, Vec<_>) =
+        objects.iter().partition(|object| object.iter().any(|candidate| candidate.meets(budget)));
+    let meets = |object: &[Candidate], at: usize| object[at].meets(budget);
     let cheapest = |object: &&Vec<Candidate>| (0..object.len()).filter(|at| meets(object, *at)).map(|at| object[at].points).min();
     let n = objects.iter().map(Vec::len).min().unwrap_or(0);
     let total = |at: usize| met.iter().map(|object| object[at].points).sum::<u64>();

@@ -1,15 +1,19 @@
 //! Errors at places of an object; see [`super`].
 
-use super::places::{Irradiance, Places};
-use super::probes::{Probe, Probes};
+use super::lit::{self, Irradiance};
+use super::places::Places;
+use super::probes::Probes;
 use super::traced::Tracing;
 use crate::plan::ObjectPlan;
 use prelight_runtime::asset::mesh::{Mesh, NO_POINT};
 use prelight_runtime::asset::points::BURIED;
-use prelight_runtime::block_product::shade_diffuse;
 use prelight_runtime::block_product::visibility::Visibility;
 use std::collections::BTreeMap;
 use std::ops::Range;
+
+/// Share of the lights, each by itself, that an error is to hold under. The rest are mostly suns that only graze an object: what little is lit then
+/// is all border.
+pub const LIGHTS: f64 = 0.9;
 
 /// Squares summed over places and channels, one pair a light.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,15 +35,24 @@ impl Sums {
         }
     }
 
-    /// Relative L2 under all lights; 0 where there is none.
-    pub fn relative_l2(&self) -> f64 {
-        self.under(0..self.truth.len())
-    }
-
-    /// Relative L2 under some of them.
+    /// Relative L2 under some lights together.
     pub fn under(&self, lights: Range<usize>) -> f64 {
         let (difference, truth): (f64, f64) = (self.difference[lights.clone()].iter().sum(), self.truth[lights].iter().sum());
         if truth > 0.0 { (difference / truth).sqrt() } else { 0.0 }
+    }
+
+    /// Relative L2 under each light by itself, in order of size.
+    pub fn each(&self, lights: Range<usize>) -> Vec<f64> {
+        let mut errors: Vec<f64> = lights.map(|light| self.under(light..light + 1)).collect();
+        errors.sort_by(f64::total_cmp);
+        errors
+    }
+
+    /// The error that is not exceeded under [`LIGHTS`] of some lights, each judged by itself: pooled, a bright light would hide what others lose.
+    /// 0 where there is none.
+    pub fn judged(&self, lights: Range<usize>) -> f64 {
+        let n = (LIGHTS * lights.len() as f64).ceil() as usize;
+        self.each(lights).get(n.max(1) - 1).copied().unwrap_or(0.0)
     }
 }
 
@@ -62,18 +75,9 @@ pub fn measure_planned(plan: &ObjectPlan, places: &Places, probes: &Probes, trac
 
 /// Error of a baked object: `visibility` is that of its patches, in order.
 pub fn measure_baked(plan: &ObjectPlan, visibility: &[Visibility], places: &Places, probes: &Probes) -> Sums {
-    let mut known: BTreeMap<usize, Vec<Vec<Irradiance>>> = BTreeMap::new();
     let mut light = |point: u32, lit: &mut Vec<Irradiance>| {
         let at = plan.patches.partition_point(|patch| patch.range().end <= point as usize);
-        let patch = known.entry(at).or_insert_with(|| {
-            let shade = |probe: &Probe| {
-                let mut sums = vec![Irradiance::default(); visibility[at].len()];
-                shade_diffuse(&probe.prepared, &visibility[at], &mut sums);
-                sums
-            };
-            probes.lights.iter().map(shade).collect()
-        });
-        lit.extend(patch.iter().map(|sums| sums[point as usize - plan.patches[at].range().start]));
+        lit.extend(lit::shown(probes, &visibility[at].point(point as usize - plan.patches[at].range().start)));
     };
     measure(plan, places, probes, &mut light)
 }

@@ -3,14 +3,16 @@
 //! **Error** of an object: relative L2 of diffuse radiance at places drawn evenly over its surface,
 //!
 //! ```text
-//! √( Σ (shown − true)² / Σ true² )      over places, lights and channels
+//! √( Σ (shown − true)² / Σ true² )      over places and channels, under one light
 //! ```
 //!
 //! *shown* is what draw interpolates from the points around the place; *true* the sum over 128² texels, each as far open as 8×8 rays from the place
-//! itself find it, under the same light ([`Places`]). Both have the place's normal. Lights are built in ([`probes`]): one set steers, another judges,
-//! and so do the scene's own lights, which never steer: editing a light changes no digest.
+//! itself find it, under the same light ([`Places`]). Both have the place's normal. Each light is judged by itself, and a budget is to hold under
+//! nine of ten ([`Sums::judged`]): pooled, a bright light would hide what the others lose. Lights are built in ([`probes`]): one set steers, another
+//! judges, and so do the scene's own lights, which never steer: editing a light changes no digest.
 //!
-//! **Choice** ([`choose()`]): per object the cheapest of its [`candidates`] that meets its budget, an edge length and how far borders of shadows are
+//! **Choice** ([`choose()`]): first the directions of the whole bake, the least that can keep the budgets ([`directions`]); then per object the cheapest
+//! of its [`candidates`] that meets its budget with a margin, an edge length and how far borders of shadows are
 //! refined on top of it ([`crate::refine::border`]). What a candidate has to offer is found before the bake: only the triangles that hold a place are
 //! refined as the bake will refine them, and only their points traced, each once for all candidates. Where none meets, the cheapest near the least
 //! error is taken, and the object is declared.
@@ -23,7 +25,9 @@
 mod around;
 pub mod candidates;
 mod choose;
+pub mod directions;
 pub mod knapsack;
+mod lit;
 mod measure;
 mod places;
 pub mod probes;
@@ -31,6 +35,7 @@ mod traced;
 
 pub use candidates::PLACES;
 pub use choose::{Choice, choose};
+pub use directions::Directions;
 pub use measure::{ObjectError, Sums, measure_baked, measure_planned};
 pub use places::Places;
 pub use probes::Probes;

@@ -4,22 +4,21 @@
 //! at the same places, so that their figures differ by what they show alone. *True* is the sum over 128² texels, each as far open as 8×8 rays from
 //! the place itself find it.
 
+use super::directions::Work;
+use super::lit::{Detail, Irradiance, seen, shown};
 use super::measure::Sums;
 use super::probes::{EXACT_RESOLUTION, Probes, TRUE_RESOLUTION};
+use super::traced::Tracing;
 use crate::plan::buried::BuriedProbe;
 use crate::plan::origin::{Surroundings, area_normal, surface_origin};
 use crate::plan::weld::BaseMesh;
 use crate::refine::refined::{ONE, Refined, weights};
 use crate::scene::world::World;
 use crate::trace::{Occluders, Scratch, TraceOrigin};
-use prelight_runtime::block_product::visibility::open_words;
-use prelight_runtime::environment::LightCubemap;
+use prelight_runtime::block_product::visibility::{Visibility, open_words};
 
 /// Of so many places one is held against finer directions: each takes as long as thirty points.
 const GRID_STRIDE: usize = 12;
-
-/// Vector irradiance, `[channel][axis]`.
-pub(super) type Irradiance = [[f32; 3]; 3];
 
 /// One place.
 #[derive(Clone, Debug)]
@@ -98,7 +97,7 @@ impl Places {
                     return None;
                 }
             }
-            place.truth = probes.lights.iter().map(|probe| gather(&probe.truth, &open, &parts)).collect();
+            place.truth = seen(probes, Detail::True, &open, &mut parts).into_iter().flatten().collect();
             Some(place)
         };
         Places { places: (0..n).filter_map(place).collect(), area }
@@ -112,8 +111,26 @@ impl Places {
         let (mut scratch, mut open, mut parts) = (Scratch::default(), vec![0; open_words(EXACT_RESOLUTION)], Vec::new());
         for place in self.places.iter().step_by(GRID_STRIDE) {
             occluders.open_samples(&place.trace_origin(), EXACT_RESOLUTION, &mut scratch, &mut open, &mut parts);
-            for (i, exact) in probes.lights.iter().enumerate().filter_map(|(i, probe)| Some((i, probe.exact.as_ref()?))) {
-                sums.add(i, &place.normal, &place.truth[i], &gather(exact, &open, &parts));
+            for (i, exact) in seen(probes, Detail::Exact, &open, &mut parts).into_iter().enumerate() {
+                if let Some(exact) = exact {
+                    sums.add(i, &place.normal, &place.truth[i], &exact);
+                }
+            }
+        }
+        sums
+    }
+
+    /// What bits and directions lose at the places themselves: a point there against the truth. No mesh is so fine that it loses less.
+    pub(super) fn point_error(&self, tracing: &Tracing) -> Sums {
+        let (occluders, probes) = (tracing.occluders(), tracing.probes());
+        let n = probes.lights.len();
+        let mut sums = Sums { difference: vec![0.0; n], truth: vec![0.0; n] };
+        let mut work = Work::default();
+        for place in &self.places {
+            let (chunk, _) = tracing.directions.trace(occluders, &place.trace_origin(), &mut work);
+            let visibility = Visibility::from_chunk(&chunk).expect("just encoded");
+            for (i, shown) in shown(probes, &visibility.point(0)).iter().enumerate() {
+                sums.add(i, &place.normal, shown, &place.truth[i]);
             }
         }
         sums
@@ -153,25 +170,8 @@ impl Place {
     }
 }
 
-/// Vector irradiance from the open texels, in the order of their numbers; less what is closed of texels that are open in part.
-pub(super) fn gather(light: &LightCubemap, open: &[u64], parts: &[(u32, u64)]) -> Irradiance {
-    let mut sum = [[0.0f64; 3]; 3];
-    for (word, mut bits) in open.iter().copied().enumerate() {
-        while bits != 0 {
-            let moment = &light.moment[64 * word + bits.trailing_zeros() as usize];
-            bits &= bits - 1;
-            (0..9).for_each(|i| sum[i / 3][i % 3] += f64::from(moment[i / 3][i % 3]));
-        }
-    }
-    for (texel, samples) in parts {
-        let (moment, closed) = (&light.moment[*texel as usize], f64::from(samples.count_zeros()) / 64.0);
-        (0..9).for_each(|i| sum[i / 3][i % 3] -= closed * f64::from(moment[i / 3][i % 3]));
-    }
-    sum.map(|channel| channel.map(|e| e as f32))
-}
-
 /// A number in 0..1 from counters: splitmix64.
-fn unit(seed: u64, place: u64, dimension: u64) -> f64 {
+pub(super) fn unit(seed: u64, place: u64, dimension: u64) -> f64 {
     let mut x = seed ^ (place << 8) ^ dimension;
     x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

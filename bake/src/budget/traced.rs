@@ -1,13 +1,13 @@
 //! What points of candidates see, traced once however many candidates share them.
 
-use super::places::{Irradiance, gather};
+use super::directions::{Directions, Work};
+use super::lit::{Irradiance, shown};
 use super::probes::Probes;
-use crate::block_product::visibility::encode;
 use crate::plan::ObjectPlan;
 use crate::plan::buried::BuriedProbe;
-use crate::trace::{Occluders, Scratch};
+use crate::trace::Occluders;
 use prelight_runtime::asset::mesh::NO_POINT;
-use prelight_runtime::block_product::visibility::{Visibility, open_words};
+use prelight_runtime::block_product::visibility::Visibility;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -36,10 +36,9 @@ pub struct Tracing<'a> {
     probes: &'a Probes,
     solids: &'a BuriedProbe<'a>,
     edge_length: f32,
-    /// Texels along a side of a face.
-    pub(super) face_resolution: usize,
+    pub(super) directions: Directions,
     known: RefCell<BTreeMap<[u32; 6], Rc<Traced>>>,
-    scratch: RefCell<(Scratch, Vec<u64>)>,
+    work: RefCell<Work>,
 }
 
 impl<'a> Tracing<'a> {
@@ -49,10 +48,19 @@ impl<'a> Tracing<'a> {
         probes: &'a Probes,
         solids: &'a BuriedProbe<'a>,
         edge_length: f32,
-        face_resolution: usize,
+        directions: Directions,
     ) -> Self {
-        let scratch = RefCell::new((Scratch::default(), vec![0; open_words(face_resolution)]));
-        Tracing { occluders, probes, solids, edge_length, face_resolution, known: RefCell::default(), scratch }
+        Tracing { occluders, probes, solids, edge_length, directions, known: RefCell::default(), work: RefCell::default() }
+    }
+
+    /// What blocks light.
+    pub(super) fn occluders(&self) -> &Occluders {
+        self.occluders
+    }
+
+    /// Lights.
+    pub(super) fn probes(&self) -> &Probes {
+        self.probes
     }
 
     /// What a point of a plan sees.
@@ -62,17 +70,13 @@ impl<'a> Tracing<'a> {
         if let Some(known) = self.known.borrow().get(&key) {
             return known.clone();
         }
-        let (scratch, open) = &mut *self.scratch.borrow_mut();
-        self.occluders.open_texels(&from, self.face_resolution, scratch, open);
-        let chunk = encode(self.face_resolution, open);
-        // Texel by texel in a fixed order: what it gives decides.
-        let lit = self.probes.lights.iter().map(|probe| gather(&probe.shown, open, &[])).collect();
+        let (chunk, is_open) = self.directions.trace(self.occluders, &from, &mut self.work.borrow_mut());
+        let lit = shown(self.probes, &Visibility::from_chunk(&chunk).expect("just encoded").point(0));
         let closest = |origin: [f32; 3], direction: [f32; 3]| {
             let hit = self.occluders.closest_hit(origin, direction, from.base_triangles)?;
             Some((hit.t, hit.triangle, hit.back_face))
         };
-        let is_blind = open.iter().all(|word| *word == 0);
-        let is_buried = is_blind && self.solids.ask(plan, point, self.edge_length, &closest).is_buried;
+        let is_buried = !is_open && self.solids.ask(plan, point, self.edge_length, &closest).is_buried;
         let traced = Rc::new(Traced { lit, is_buried, chunk });
         self.known.borrow_mut().insert(key, traced.clone());
         traced

@@ -164,6 +164,10 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, star
     let measured = budgets::measured_json(loaded, &baked.stats.errors);
     if !measured.is_empty() {
         let (met, of) = budgets::met(&measured);
+        if !loaded.settings.choices.is_empty() {
+            let options = &loaded.settings.options;
+            summary.set("budgets.directions", format!("{} {}", options.face_resolution, options.visibility.name()));
+        }
         if of > 0 {
             summary.set("budgets.met", met).set("budgets.undeclared", of).set("budgets.declared", loaded.settings.choices.len() - of);
         }

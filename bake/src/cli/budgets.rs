@@ -21,7 +21,7 @@ pub fn probes(loaded: &Loaded, context: &Context) -> Result<Probes, Failure> {
         let (environment, _) = read_environment(&loaded.input.environment_path(entry), context.memory)?;
         own.push((entry.name.clone(), environment.with_rotation(entry.rotate_y_deg).with_intensity(entry.intensity as f32)));
     }
-    probes.lights.extend(Probes::new(own, face_resolution).lights);
+    probes.extend(Probes::new(own, face_resolution));
     Ok(probes)
 }
 
@@ -42,17 +42,27 @@ pub fn lines(loaded: &Loaded) -> Vec<String> {
     let mut declared: Vec<_> = choices.iter().filter(|choice| choice.is_declared).collect();
     declared.sort_by(|a, b| b.predicted.total_cmp(&a.predicted));
     let met = choices.len() - declared.len();
-    let mut lines = vec![format!("{met} of {} objects are expected to meet theirs", choices.len())];
+    let options = &loaded.settings.options;
+    let mut lines = vec![format!(
+        "{met} of {} objects are expected to meet theirs, with face_resolution = {} and visibility = \"{}\"",
+        choices.len(),
+        options.face_resolution,
+        options.visibility.name()
+    )];
     for choice in declared.iter().take(LISTED) {
         let name = &loaded.scene.objects[choice.object].name;
-        lines.push(format!("floor {:.3} > {} on {name}", choice.predicted, choice.budget));
+        let (floor, budget, at_points) = (choice.predicted, choice.budget, choice.at_points);
+        let beyond = if floor > budget { ">".to_string() } else { "too near".to_string() };
+        lines.push(format!("floor {floor:.3} {beyond} {budget} on {name}, of which directions alone {at_points:.3}"));
     }
     if declared.len() > LISTED {
         lines.push(format!("and {} more", declared.len() - LISTED));
     }
     if !declared.is_empty() {
         lines.push(
-            "a floor is at half of the object's edge_length and finer borders of shadows: a shorter edge_length goes lower".to_string(),
+            "a floor is the error under nine lights of ten; where directions alone are most of it, a finer visibility or face_resolution goes lower, \
+             else a shorter edge_length"
+                .to_string(),
         );
     }
     lines
@@ -63,7 +73,7 @@ pub fn to_json(loaded: &Loaded) -> Vec<Value> {
     let one = |choice: &prelight_bake::budget::Choice| {
         json!({
             "object": loaded.scene.objects[choice.object].name, "max_error": choice.budget, "predicted": choice.predicted,
-            "edge_length": round(choice.params.edge_length), "points": choice.points,
+            "at_points": choice.is_declared.then_some(choice.at_points), "edge_length": round(choice.params.edge_length), "points": choice.points,
             "most_unrest": choice.params.most_unrest.is_finite().then_some(choice.params.most_unrest), "declared": choice.is_declared,
         })
     };
@@ -79,11 +89,12 @@ pub fn measured_json(loaded: &Loaded, errors: &[ObjectError]) -> Vec<Value> {
         let by_light = |sums: &Sums| -> serde_json::Map<String, Value> {
             probes.lights.iter().enumerate().map(|(i, light)| (light.name.clone(), sums.under(i..i + 1).into())).collect()
         };
-        let held_back = error.sums.under(0..n_held_back);
+        let held_back = error.sums.judged(0..n_held_back);
+        let worst = error.sums.each(0..n_held_back).last().copied();
         json!({
             "object": loaded.scene.objects[error.object].name, "max_error": choice.map(|choice| choice.budget),
             "predicted": choice.map(|choice| choice.predicted), "declared": choice.is_some_and(|choice| choice.is_declared),
-            "held_back": held_back, "lights": by_light(&error.sums),
+            "held_back": held_back, "held_back_worst": worst, "lights": by_light(&error.sums),
             "grid": error.grid.under(0..n_held_back), "grid_lights": by_light(&error.grid),
         })
     };

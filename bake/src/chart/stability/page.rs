@@ -39,6 +39,11 @@ fn verdict(holds: bool) -> &'static str {
     if holds { "<span class=\"badge good\">holds</span>" } else { "<span class=\"badge bad\">fails</span>" }
 }
 
+/// A bound as it was written: small ones as powers of ten.
+fn bound(most: f64) -> String {
+    if most > 0.0 && most < 1e-3 { format!("{most:e}") } else { most.to_string() }
+}
+
 /// The page.
 pub fn page(outcomes: &[Outcome], maps: &[MapOutcome], sizes: &Sizes, machine: &str) -> String {
     let holding = outcomes.iter().filter(|outcome| outcome.holds()).count();
@@ -73,7 +78,7 @@ pub fn page(outcomes: &[Outcome], maps: &[MapOutcome], sizes: &Sizes, machine: &
                 first(outcome.mode.method),
                 escaped(limit.name),
                 significant(figure),
-                limit.most,
+                bound(limit.most),
                 verdict(kept)
             );
         }
