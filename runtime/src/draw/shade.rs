@@ -25,6 +25,7 @@ use super::raster::{Edges, Fragment, TILE, TileFragments, Visibility, blend_corn
 use super::threads::map_indices;
 use crate::asset::mesh::{Lit, Mesh};
 use crate::asset::points::BURIED;
+use crate::block_product::brdf::PointLobe;
 use crate::brdf::{Measured, Place};
 use crate::error::RuntimeError;
 use crate::surface::lune::{Bend, Lune};
@@ -343,7 +344,7 @@ impl<'a> Shader<'a> {
         let front_normal = self.front_normal(gathered, weights);
         if self.scene.clay {
             let normal = front_normal.map(|v| v * side);
-            let light = self.light(gathered, light_weights, &Bend::new(normal, normal), view);
+            let light = self.light(gathered, light_weights, &Bend::new(normal, normal), view, None);
             return (light.received.map(|e| e * (CLAY_ALBEDO / PI)), surface.alpha);
         }
         let tangent = match gathered.tangent_from_uv {
@@ -357,7 +358,13 @@ impl<'a> Shader<'a> {
         let bend = |bent: Option<[f32; 3]>| bent.map_or(front_normal, |bent| bend_normal(bent, front_normal, tangent));
         let place = surface.place(bend(surface.normal_tangent), bend(surface.coat_normal_tangent), tangent, side);
         let toward = view.map(|v| -v);
-        let light = self.light(gathered, light_weights, &Bend::new(front_normal.map(|v| v * side), place.normal), view);
+        let is_textured = |m: &Material| m.normal_texture.is_some() || m.metallic_roughness_texture.is_some();
+        let own = gathered.material.is_some_and(is_textured).then(|| {
+            let lobe = surface.surface(self.scene.tables).lobe;
+            PointLobe { lobe, normal: place.normal, tangent: place.tangent }
+        });
+        let bend = Bend::new(front_normal.map(|v| v * side), place.normal);
+        let light = self.light(gathered, light_weights, &bend, view, own.as_ref());
         (radiance(&surface, &place, toward, self.scene.tables, &light), surface.alpha)
     }
 
@@ -375,8 +382,9 @@ impl<'a> Shader<'a> {
         })
     }
 
-    /// Light from the corners that have a usable point, on a surface with this normal, seen along the unit direction `view`.
-    fn light(&self, gathered: &Gathered, weights: [f32; 3], bend: &Bend, view: [f32; 3]) -> PointLight {
+    /// Light from the corners that have a usable point, on a surface with this normal, seen along the unit direction `view`; `own`: what textures
+    /// make of the place.
+    fn light(&self, gathered: &Gathered, weights: [f32; 3], bend: &Bend, view: [f32; 3], own: Option<&PointLobe>) -> PointLight {
         let mut light = PointLight::default();
         let usable = |k: &usize| gathered.points[*k].n > 0;
         let sum: f32 = (0..3).filter(usable).map(|k| weights[k]).sum();
@@ -401,7 +409,7 @@ impl<'a> Shader<'a> {
             && let Some(points) = gathered.single_points()
         {
             let weights = std::array::from_fn(|k| if usable(&k) { weight_of(k) } else { 0.0 });
-            lobes.correct(points, weights, view.map(|v| -v), &mut light.glossy);
+            lobes.correct(points, weights, view.map(|v| -v), own, &mut light.glossy);
         }
         light
     }

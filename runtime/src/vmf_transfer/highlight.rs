@@ -7,7 +7,8 @@
 //!
 //! D_k is the exact direct light of corner k, from [`crate::block_product`]; normals and ln κ are interpolated, the view is the pixel's own. The
 //! ratio holds what the lobe leaves out: visibility, shadowing, the lobe's foot. At a corner nothing is added, whatever the lobe is worth; in
-//! between a highlight moves over a curved surface instead of fading from one point into the next. Light never falls below 0: the ratio
+//! between a highlight moves over a curved surface instead of fading from one point into the next. Where textures give a pixel a normal or a width
+//! of its own, open(x) is looked up with those, at corners too: points know only the mean over their footprint. Light never falls below 0: the ratio
 //! is at most D / O. A corner whose lamp is hidden pulls the ratio down by as much as that lamp weighs in O, so it cannot appear between corners
 //! that look near it and do not see it; one that no corner's lobe reaches can.
 //!
@@ -95,8 +96,16 @@ pub fn keep_highlights<'l>(
     }
 }
 
-/// Adds to glossy light that was interpolated between three points what direct light gains where the pixel looks along `-view`.
-pub(super) fn correct(light: &FilteredLight, corners: [&Highlight; 3], weights: [f32; 3], view: [f32; 3], glossy: &mut Glossy) {
+/// Adds to glossy light that was interpolated between three points what direct light gains where the pixel looks along `-view`; `own`: what the
+/// pixel reflects with, where that is not what lies between the points.
+pub(super) fn correct(
+    light: &FilteredLight,
+    corners: [&Highlight; 3],
+    weights: [f32; 3],
+    view: [f32; 3],
+    own: Option<&PointLobe>,
+    glossy: &mut Glossy,
+) {
     // A corner without a lobe stays linear, and leaves the others' share to them.
     let known = corners.map(|corner| corner.kappa > 0.0);
     let share: f32 = (0..3).filter(|k| known[*k]).map(|k| weights[k]).sum();
@@ -108,7 +117,12 @@ pub(super) fn correct(light: &FilteredLight, corners: [&Highlight; 3], weights: 
     if dot(normal, view) <= 0.0 {
         return;
     }
-    let kappa = libm::expf(of(&|corner| libm::logf(corner.kappa)) / share);
+    let of_pixel = |own: &PointLobe| {
+        let cosine = dot(own.normal, view);
+        concentration(&own.lobe, f64::from(cosine)).filter(|_| cosine > 0.0).map(|kappa| (own.normal, kappa as f32))
+    };
+    let interpolated = || (normal, libm::expf(of(&|corner| libm::logf(corner.kappa)) / share));
+    let (normal, kappa) = own.and_then(of_pixel).unwrap_or_else(interpolated);
     let here = light.lookup(mirrored(normal, view), kappa);
     for c in 0..3 {
         let open = of(&|corner| corner.open[c]);
@@ -160,7 +174,7 @@ mod tests {
         });
         let linear: Glossy = std::array::from_fn(|t| std::array::from_fn(|c| 0.5 * (ends[0].0[t][c] + ends[1].0[t][c])));
         let mut drawn = linear;
-        correct(&filtered, [&ends[0].1, &ends[1].1, &ends[0].1], [0.25, 0.5, 0.25], view, &mut drawn);
+        correct(&filtered, [&ends[0].1, &ends[1].1, &ends[0].1], [0.25, 0.5, 0.25], view, None, &mut drawn);
         [linear[0][1], drawn[0][1], exact(&light, &at(0.5 * (from + to)), view, wall)[0][1]]
     }
 
@@ -212,7 +226,7 @@ mod tests {
                 let corners = [at(a, angles[0]), at(b, angles[1]), Highlight::default()];
                 for (weights, is_corner) in [([1.0, 0.0, 0.0], true), ([0.0, 1.0, 0.0], true), ([0.3, 0.3, 0.4], false)] {
                     let mut got = [[7.0, 0.0, 1e-3]; 2];
-                    correct(&light, [&corners[0], &corners[1], &corners[2]], weights, view, &mut got);
+                    correct(&light, [&corners[0], &corners[1], &corners[2]], weights, view, None, &mut got);
                     assert!(got.iter().flatten().all(|value| value.is_finite() && *value >= -1e-5), "{a:?} {b:?} {got:?}");
                     assert!(
                         !is_corner || got.iter().flatten().zip([7.0, 0.0, 1e-3, 7.0, 0.0, 1e-3]).all(|(a, b)| (a - b).abs() <= 1e-5 * b),

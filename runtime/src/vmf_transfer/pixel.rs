@@ -17,6 +17,7 @@ use super::light::FilteredLight;
 use super::lobe::{Lobe, luminance};
 use super::transfer::SLICE_LOBES;
 use crate::block_product::Glossy;
+use crate::block_product::brdf::PointLobe;
 
 /// One lobe of a point toward the eye that it was last shaded for. Black where the slot has none or several.
 #[derive(Clone, Copy, Debug, Default)]
@@ -79,10 +80,10 @@ fn looked_up(light: &FilteredLight, blend: &Blend) -> [f32; 3] {
 
 impl PixelLobes<'_> {
     /// Adds moved − linear to glossy light that was interpolated between three points, and what [`super::highlight`] says of direct light
-    /// toward the unit direction `view`.
-    pub fn correct(&self, points: [usize; 3], weights: [f32; 3], view: [f32; 3], glossy: &mut Glossy) {
+    /// toward the unit direction `view`; `own`: what the pixel reflects with, where textures make that its own.
+    pub fn correct(&self, points: [usize; 3], weights: [f32; 3], view: [f32; 3], own: Option<&PointLobe>, glossy: &mut Glossy) {
         if !self.highlights.is_empty() {
-            highlight::correct(self.light, points.map(|point| &self.highlights[point]), weights, view, glossy);
+            highlight::correct(self.light, points.map(|point| &self.highlights[point]), weights, view, own, glossy);
         }
         for slot in 0..if self.lobes.is_empty() { 0 } else { SLICE_LOBES } {
             let corners = points.map(|point| &self.lobes[point].slots[slot]);
@@ -156,7 +157,7 @@ pub(super) mod tests {
         let lobes = [left, right];
         let linear: Glossy = std::array::from_fn(|t| std::array::from_fn(|c| 0.5 * (left_light[t][c] + right_light[t][c])));
         let mut moved = linear;
-        PixelLobes { light: &light, lobes: &lobes, highlights: &[] }.correct([0, 1, 0], [0.25, 0.5, 0.25], VIEW, &mut moved);
+        PixelLobes { light: &light, lobes: &lobes, highlights: &[] }.correct([0, 1, 0], [0.25, 0.5, 0.25], VIEW, None, &mut moved);
         for term in 0..2 {
             let (before, after) = (linear[term][1] / truth[term][1] - 1.0, moved[term][1] / truth[term][1] - 1.0);
             assert!(before < -0.1 && after.abs() < 0.01, "{term}: {before} {after}");
@@ -176,14 +177,14 @@ pub(super) mod tests {
         let drawn = PixelLobes { light: &light, lobes: &lobes, highlights: &[] };
         for (point, own) in [(0, near_light), (1, faded_light), (2, Glossy::default())] {
             let mut got = own;
-            drawn.correct([point, 2, (point + 1) % 3], [1.0, 0.0, 0.0], VIEW, &mut got);
+            drawn.correct([point, 2, (point + 1) % 3], [1.0, 0.0, 0.0], VIEW, None, &mut got);
             let close = |a: &f32, b: &f32| (a - b).abs() <= 1e-5 * b.abs().max(1e-3);
             assert!(got.iter().flatten().zip(own.iter().flatten()).all(|(a, b)| close(a, b)), "{point}: {got:?} {own:?}");
         }
         // Nothing is left of the fade but its light at the point: half way it is halved, whatever the other slot does.
         let fade_only = EyeLobes { slots: [EyeLobe::default(), near.slots[1]] };
         let mut half = [[1.0; 3]; 2];
-        PixelLobes { light: &light, lobes: &[fade_only; 3], highlights: &[] }.correct([0, 1, 2], [0.5, 0.5, 0.0], VIEW, &mut half);
+        PixelLobes { light: &light, lobes: &[fade_only; 3], highlights: &[] }.correct([0, 1, 2], [0.5, 0.5, 0.0], VIEW, None, &mut half);
         assert!(half.iter().flatten().all(|value| (value - 1.0).abs() < 1e-5), "equal lobes need no correction: {half:?}");
     }
 }
