@@ -13,7 +13,6 @@
 //! had a GPU: hold rows against one another, not against print.
 
 use prelight_runtime::asset::Asset;
-use prelight_runtime::asset::mesh::NO_POINT;
 use prelight_runtime::draw::camera::{Camera, CameraRays};
 use prelight_runtime::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use serde::{Deserialize, Serialize};
@@ -136,15 +135,13 @@ fn shapes(asset: &Asset, camera: &Camera, size: [usize; 2]) -> Option<Vec<Shape>
             let outside = (0..2).any(|k| flat.iter().all(|p| p[k] < 0.0) || flat.iter().all(|p| p[k] > size[k] as f64));
             // Pixels run down, so what winds counter-clockwise seen from the front has a negative area.
             let is_front = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) < 0.0;
-            let points = if is_front { mesh.point_front } else { mesh.point_back };
-            if outside || (!is_front && triangle.iter().all(|v| points[*v as usize] == NO_POINT)) {
+            // A vertex of a coarser mesh has up to four points.
+            let lit = triangle.map(|v| if is_front { mesh.front(v as usize) } else { mesh.back(v as usize) });
+            let points: Vec<u32> = lit.iter().flat_map(|lit| lit.shares()).filter(|share| share.1 > 0.0).map(|share| share.0).collect();
+            if outside || (!is_front && points.is_empty()) {
                 continue;
             }
-            let of = |v: u32| {
-                let point = points[v as usize];
-                if point == NO_POINT { None } else { levels[object.points.start + point as usize] }
-            };
-            let level = triangle.iter().filter_map(|v| of(*v)).max().unwrap_or(MAX_LEVEL + 1);
+            let level = points.iter().filter_map(|point| levels[object.points.start + *point as usize]).max().unwrap_or(MAX_LEVEL + 1);
             shapes.push(Shape { depth: corners.iter().map(|c| c[2]).sum(), level, corners: flat });
         }
     }
