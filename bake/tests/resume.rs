@@ -121,8 +121,8 @@ fn rerun_ends_the_same(folder: &Path, case: &str) -> Value {
     let again = done(prelight(folder).args(BAKE));
     assert_eq!(digest(&again), digest(undisturbed()), "{case}");
     assert_eq!(tiles(&again, "baked") + tiles(&again, "reused"), tiles(undisturbed(), "total"), "{case}");
-    // Each segment of a first bake records at least one patch.
-    assert!(tiles(&again, "reused") >= 96 * shards, "{case}: {shards} shards were published, {again}");
+    // Each segment of a first bake records at least one patch, but for the first: what was counted to choose an edge length.
+    assert!(tiles(&again, "reused") >= 96 * shards.saturating_sub(1), "{case}: {shards} shards were published, {again}");
     for (path, bytes) in before {
         assert!(std::fs::read(&path).is_ok_and(|now| now == bytes), "{case}: {} changed", path.display());
     }
