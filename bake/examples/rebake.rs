@@ -17,6 +17,7 @@ use edits::{Edit, Random, apply, size};
 use prelight_bake::bake::{BakeOptions, Baked, bake};
 use prelight_bake::engine::patch::{PatchInputs, Shadowing, stale_tiles};
 use prelight_bake::engine::threads::candidates;
+use prelight_bake::plan::counts::Counts;
 use prelight_bake::plan::layer::{MAX_LAYERS, layers};
 use prelight_bake::plan::pieces::Pieces;
 use prelight_bake::plan::plan_object;
@@ -199,8 +200,8 @@ fn main() {
     let input = SceneInput::open(Path::new(&arguments.scene)).expect("the scene opens");
     let loaded = input.load(MEMORY).expect("the scene loads");
     let world = World::build(&loaded.scene);
-    let settings =
-        Settings::resolve(&input.manifest, &loaded.knobs, &loaded.scene, &world, arguments.points, MEMORY).expect("the knobs are right");
+    let settings = Settings::resolve(&Counts::default(), &input.manifest, &loaded.knobs, &loaded.scene, &world, arguments.points, MEMORY)
+        .expect("the knobs are right");
     let (scene, options) = (&loaded.scene, &settings.options);
     let work = tempfile::tempdir().expect("a temporary folder");
     let folder = arguments.base.clone().unwrap_or_else(|| work.path().join("base"));

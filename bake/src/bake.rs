@@ -37,7 +37,7 @@ use std::ops::ControlFlow;
 use work::{ObjectWork, trace_missing};
 
 /// Rounds of splitting at most: each halves an edge, and the area floor ends it sooner.
-const MAX_ROUNDS: usize = 6;
+pub(crate) const MAX_ROUNDS: usize = 6;
 
 /// Triangles of a leaf of the tree that paths are traced through.
 const PATH_LEAF: usize = 16;

@@ -40,26 +40,12 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Resolves the knobs of every object. `points`: a budget that wins over the preset's where no edge length is given.
+    /// Resolves the knobs of every object. `counts`: what was counted of the objects before; `points`: a budget that wins over the preset's where no
+    /// edge length is given.
     ///
     /// # Errors
     /// A pattern that is not a glob, a technique or face resolution that this build lacks.
     pub fn resolve(
-        manifest: &SceneManifest,
-        objects: &[ObjectKnobs],
-        scene: &Scene,
-        world: &World,
-        points: Option<u64>,
-        memory: u64,
-    ) -> Result<Self, BakeError> {
-        Self::resolve_by(&Counts::default(), manifest, objects, scene, world, points, memory)
-    }
-
-    /// [`Settings::resolve`] by what was counted before.
-    ///
-    /// # Errors
-    /// As [`Settings::resolve`].
-    pub fn resolve_by(
         counts: &Counts,
         manifest: &SceneManifest,
         objects: &[ObjectKnobs],

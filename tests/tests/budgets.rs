@@ -1,7 +1,7 @@
 //! Budgets of error: the planner's choice is the cheapest that meets them, says where it cannot, and holds under other lights.
 
 use prelight_bake::bake::{BakeStats, bake};
-use prelight_bake::budget::candidates::{MARGIN, Question};
+use prelight_bake::budget::candidates::{MARGIN, Question, Subject};
 use prelight_bake::budget::{Choice, Directions, Probes, choose};
 use prelight_bake::plan::buried::BuriedProbe;
 use prelight_bake::progress::Silent;
@@ -106,7 +106,8 @@ fn errors_fall_as_points_are_added_and_budgets_hold_under_held_back_lights() {
     let occluders = Occluders::build(&world, &scene.textures, OccluderOptions::default());
     let (steering, solids) = (Probes::steering(64), BuriedProbe::new(&scene, &world));
     let own = options(&scene, EDGE).points[0];
-    let mut floor = Question::new(&scene, &world, &occluders, &solids, 0, &own, &steering, Directions::LADDER[0]).unwrap();
+    let subject = Subject { scene: &scene, world: &world, occluders: &occluders, solids: &solids, object: 0, own };
+    let mut floor = Question::new(&subject, &steering, Directions::LADDER[0], subject.places(&steering)).unwrap();
     let asked = [(0, 0), (4, 0), (2, 0), (2, 3)];
     let [coarse, fine, plain, bordered] = asked.map(|(length, border)| floor.candidate(length, border).unwrap());
     assert!(fine.predicted < 0.6 * coarse.predicted && fine.predicted > 1e-4, "{coarse:?} {fine:?}");

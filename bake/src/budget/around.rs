@@ -12,15 +12,13 @@
 
 use super::places::{Place, Places};
 use super::traced::Tracing;
+use crate::bake::MAX_ROUNDS;
 use crate::plan::origin::area_normal;
 use crate::plan::params::PlanError;
 use crate::plan::{ObjectPlan, PointParams};
 use crate::refine::border::{Breaks, Seen};
 use crate::refine::{Refined, RefinedTriangle, split_differing};
 use std::cell::RefCell;
-
-/// Rounds of splitting at most, as in a bake.
-const MAX_ROUNDS: usize = 6;
 
 /// The plan with no triangles but those that hold a place, refined, and the points that all of the candidate is expected to have.
 ///

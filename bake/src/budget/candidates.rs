@@ -89,43 +89,39 @@ pub struct Question<'a> {
     plans: [[Option<ObjectPlan>; 2]; LENGTHS.len()],
 }
 
+/// An object, and what blocks its light.
+#[derive(Clone, Copy)]
+pub struct Subject<'a> {
+    /// Whose materials count.
+    pub scene: &'a Scene,
+    /// Its triangles.
+    pub world: &'a World,
+    /// What blocks light.
+    pub occluders: &'a Occluders,
+    /// What points may lie in.
+    pub solids: &'a BuriedProbe<'a>,
+    /// Which object of the scene.
+    pub object: usize,
+    /// Its parameters without a budget.
+    pub own: PointParams,
+}
+
+impl Subject<'_> {
+    /// Where candidates of the object are judged, and what is true there.
+    pub fn places(&self, probes: &Probes) -> Places {
+        let base = BaseMesh::build(self.scene, self.world, self.object);
+        Places::new(&base, self.world, self.occluders, self.solids, self.own.edge_length, probes, PLACES)
+    }
+}
+
 impl<'a> Question<'a> {
-    /// `own` are the object's parameters without a budget.
+    /// At the subject's own `places`.
     ///
     /// # Errors
     /// An object that cannot be planned.
-    #[expect(clippy::too_many_arguments, reason = "a scene, what blocks light in it, an object and how it is judged")]
-    pub fn new(
-        scene: &'a Scene,
-        world: &'a World,
-        occluders: &'a Occluders,
-        solids: &'a BuriedProbe<'a>,
-        object: usize,
-        own: &PointParams,
-        probes: &'a Probes,
-        directions: Directions,
-    ) -> Result<Self, BakeError> {
-        let base = BaseMesh::build(scene, world, object);
-        let places = Places::new(&base, world, occluders, solids, own.edge_length, probes, PLACES);
-        Self::at(scene, world, occluders, solids, object, own, probes, directions, places)
-    }
-
-    /// The same at known places.
-    ///
-    /// # Errors
-    /// As [`Question::new`].
-    #[expect(clippy::too_many_arguments, reason = "a scene, what blocks light in it, an object and how it is judged")]
-    pub fn at(
-        scene: &'a Scene,
-        world: &'a World,
-        occluders: &'a Occluders,
-        solids: &'a BuriedProbe<'a>,
-        object: usize,
-        own: &PointParams,
-        probes: &'a Probes,
-        directions: Directions,
-        places: Places,
-    ) -> Result<Self, BakeError> {
+    pub fn new(subject: &Subject<'a>, probes: &'a Probes, directions: Directions, places: Places) -> Result<Self, BakeError> {
+        let Subject { scene, world, occluders, solids, object, own } = *subject;
+        let own = &own;
         let coarsest = plan_object(scene, world, object, &params(own, 0, 0))?;
         let tracing = Tracing::new(occluders, probes, solids, own.edge_length, directions);
         let own_points = count_object(&coarsest.base, own, u64::MAX).points;

@@ -1,13 +1,11 @@
 //! Which candidate meets a budget; see [`super`].
 
-use super::candidates::{BORDERS, Candidate, LENGTHS, PLACES, Question};
+use super::candidates::{BORDERS, Candidate, LENGTHS, Question, Subject};
 use super::directions::{Asked, Directions, enough, least};
-use super::places::Places;
 use super::probes::Probes;
 use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::buried::BuriedProbe;
-use crate::plan::weld::BaseMesh;
 use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::World;
@@ -57,6 +55,7 @@ pub fn choose(
     progress: &dyn Progress,
 ) -> Result<(Directions, Vec<Choice>), BakeError> {
     let solids = BuriedProbe::new(scene, world);
+    let subject = |object: usize| Subject { scene, world, occluders, solids: &solids, object, own: params[object] };
     let mut faces: Vec<u32> = allowed.iter().map(|directions| directions.face_resolution).collect();
     faces.dedup();
     let all_probes: Vec<Probes> = faces.into_iter().map(Probes::steering).collect();
@@ -64,9 +63,7 @@ pub fn choose(
     let stage = Stage::begin(progress, "directions", Some(wanted.len() as u64), "objects");
     let asked = |&(object, budget): &(usize, f64)| {
         check(progress)?;
-        let (base, edge_length) = (BaseMesh::build(scene, world, object), params[object].edge_length);
-        let places = Places::new(&base, world, occluders, &solids, edge_length, &all_probes[0], PLACES);
-        let asked = Asked { budget, edge_length, places };
+        let asked = Asked { budget, edge_length: params[object].edge_length, places: subject(object).places(&all_probes[0]) };
         let found = if allowed.len() > 1 { enough(&asked, allowed, &all_probes, occluders, &solids) } else { 0 };
         stage.advance(1);
         Ok((asked, found))
@@ -79,7 +76,7 @@ pub fn choose(
     let probes = all_probes.iter().find(is_of).expect("probes of every face resolution");
     let stage = Stage::begin(progress, "budget", Some(wanted.len() as u64), "objects");
     let choices = wanted.par_iter().zip(asked).with_max_len(1).map(|(&(object, budget), asked)| {
-        let mut question = Question::at(scene, world, occluders, &solids, object, &params[object], probes, directions, asked.places)?;
+        let mut question = Question::new(&subject(object), probes, directions, asked.places)?;
         let ask = |length: usize, border: usize| {
             check(progress)?;
             if border == 0 && !question.allows(length)? {

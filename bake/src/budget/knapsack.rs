@@ -9,7 +9,7 @@
 //! Both have the same technique, directions and bits, so bytes and counted work are in proportion to points: one figure stands for all three.
 //! What is declared is counted on both sides as the planner has it: it meets nothing, and no setting is judged by it.
 
-use super::candidates::{BORDERS, Candidate, LENGTHS, Question};
+use super::candidates::{BORDERS, Candidate, LENGTHS, Question, Subject};
 use super::directions::Directions;
 use super::probes::Probes;
 use crate::error::BakeError;
@@ -63,7 +63,8 @@ pub fn candidates(
     let (probes, solids) = (Probes::steering(directions.face_resolution), BuriedProbe::new(scene, world));
     let stage = Stage::begin(progress, "candidates", Some(scene.objects.len() as u64), "objects");
     let object = |object: usize| {
-        let mut question = Question::new(scene, world, occluders, &solids, object, &params[object], &probes, directions)?;
+        let subject = Subject { scene, world, occluders, solids: &solids, object, own: params[object] };
+        let mut question = Question::new(&subject, &probes, directions, subject.places(&probes))?;
         let mut all: Vec<Candidate> = Vec::new();
         for length in 0..LENGTHS.len() {
             let is_allowed = question.allows(length)?;

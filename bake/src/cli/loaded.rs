@@ -59,7 +59,7 @@ impl Loaded {
         // A store that is not there, or cannot be read: then it is counted. Whoever needs it says what is wrong with it.
         let counts = Counts::new(&scene, known.as_ref()).or_else(|_| Counts::new(&scene, None))?;
         drop(known);
-        let mut settings = Settings::resolve_by(&counts, &input.manifest, &loaded.knobs, &scene, &world, knobs.points, memory)?;
+        let mut settings = Settings::resolve(&counts, &input.manifest, &loaded.knobs, &scene, &world, knobs.points, memory)?;
         drop(stage);
         let start = Instant::now();
         settings.meet_budgets(&scene, &world, context.progress())?;

@@ -72,17 +72,18 @@ fn errors_and_energies_are_those_of_the_study() {
 
 #[test]
 fn a_lobe_is_found_again_at_any_width() {
-    // A wider one crosses the horizon, below which slices are black.
-    for kappa in [30.0, 1e3, 3e4] {
+    for kappa in [3.0, 30.0, 1e3, 3e4] {
         let mu = [0.48, 0.0, 0.8773825];
         let length = dot(mu, mu).sqrt();
         let mu = mu.map(|c| c / length);
         // Not cut at the horizon, so the answer is exact.
         let slice = |s: [f64; 3]| 0.7 * eval(mu, kappa, s);
         let fit = fit_slice(&slice, mu, Estimator::LeastSquares(1));
-        assert!((fit.lobes[0].kappa / kappa - 1.0).abs() < 1e-3, "{kappa}: {fit:?}");
-        assert!(chord_squared(fit.lobes[0].mu, mu) * kappa < 1e-4, "{kappa}: {fit:?}");
-        assert!(fit.relative_l2 < 0.01, "{kappa}: {fit:?}");
+        // The widest lobe crosses the horizon, below which real slices are black: there holding the energy above it pulls at the rest.
+        let [width, turn, error] = if kappa > 10.0 { [1e-3, 1e-4, 0.01] } else { [0.08, 3e-4, 0.08] };
+        assert!((fit.lobes[0].kappa / kappa - 1.0).abs() < width, "{kappa}: {fit:?}");
+        assert!(chord_squared(fit.lobes[0].mu, mu) * kappa < turn, "{kappa}: {fit:?}");
+        assert!(fit.relative_l2 < error, "{kappa}: {fit:?}");
         let moments = fit_slice(&slice, mu, Estimator::Moments);
         assert!((moments.lobes[0].kappa / kappa - 1.0).abs() < 0.02, "{kappa}: {moments:?}");
     }
