@@ -13,14 +13,16 @@
 //! Kernels are cut where they fall below 10⁻⁴ of their peak, and every level is scaled to keep the flux. Milliseconds: the bench
 //! `environment`. Bytes for n = 64: 1.3 MB, for n = 128: 4.9 MB. Source: \[LD09\] section 6.2, erratum 8 (resolution follows √κ).
 
+mod gather;
+mod simd;
+
+use crate::block_product::SimdPath;
 use crate::environment::LightCubemap;
-use crate::sphere::cubemap::{face_axes, face_from_direction, texel_solid_angle, texel_unit_direction};
-use crate::sphere::vmf::peak;
+use crate::sphere::cubemap::{face_axes, face_from_direction, texel_solid_angle};
+use gather::{Cap, Kernel, Tiles, dot};
 
 /// Texels of a level's side per √κ.
 const SIDE: f64 = 8.0;
-/// ln of the share of the peak below which a kernel is cut.
-const CUT: f32 = 9.2;
 /// Correction of the lerp between two levels.
 const BOW: f32 = 0.18;
 
@@ -41,8 +43,13 @@ pub struct FilteredLight {
 }
 
 impl FilteredLight {
-    /// Filters a light. Time for 64² faces: see the bench `environment`.
+    /// Filters a light. Time: see the bench `environment`.
     pub fn prepare(light: &LightCubemap) -> Self {
+        Self::prepare_on(SimdPath::detect(), light)
+    }
+
+    /// The same on a path of instructions; all give the same bits.
+    fn prepare_on(path: SimdPath, light: &LightCubemap) -> Self {
         let n = light.face_resolution;
         let mut sum = [0.0f64; 3];
         light.flux.iter().for_each(|flux| (0..3).for_each(|c| sum[c] += f64::from(flux[c])));
@@ -59,7 +66,7 @@ impl FilteredLight {
             let kappa = libm::exp2(i as f64);
             let side = ((SIDE * kappa.sqrt()).round() as usize).clamp(4, n.max(4));
             let fine_enough = sources.iter().rev().find(|(n, _)| *n >= side).unwrap_or(&sources[0]);
-            level(&fine_enough.1, side, kappa, sum)
+            level(path, &fine_enough.1, side, kappa, sum)
         };
         let levels = (0..n_levels).map(prepared).collect();
         FilteredLight { mean: sum.map(|s| (s / (4.0 * std::f64::consts::PI)) as f32), levels }
@@ -87,181 +94,6 @@ impl FilteredLight {
     }
 }
 
-/// Sources in squares of texels, so that a kernel skips what it cannot reach.
-struct Tiles {
-    tiles: Vec<Tile>,
-    batches: Vec<Batch>,
-}
-
-struct Tile {
-    cap: Cap,
-    batches: std::ops::Range<usize>,
-}
-
-/// Sources of a tile side by side; those that are missing have no flux.
-#[derive(Clone, Copy, Default)]
-struct Batch {
-    /// `[axis][source]`
-    direction: [[f32; LANES]; 3],
-    /// `[channel][source]`
-    flux: [[f32; LANES]; 3],
-}
-
-/// Sources of a batch: a multiple of every vector unit's width.
-const LANES: usize = 16;
-/// Texels along a tile's side.
-const TILE: usize = 4;
-
-impl Tiles {
-    fn new(light: &LightCubemap) -> Self {
-        let n = light.face_resolution;
-        let mut tiles = Tiles { tiles: Vec::new(), batches: Vec::new() };
-        let size = n.min(TILE);
-        for face in 0..6 {
-            for tile in 0..(n / size) * (n / size) {
-                let (y0, x0) = (tile / (n / size) * size, tile % (n / size) * size);
-                let mut own: Vec<([f32; 3], [f32; 3])> = Vec::with_capacity(size * size);
-                for (y, x) in (y0..y0 + size).flat_map(|y| (x0..x0 + size).map(move |x| (y, x))) {
-                    let texel = (face * n + y) * n + x;
-                    let flux = light.flux[texel];
-                    if flux.iter().all(|f| *f == 0.0) {
-                        continue;
-                    }
-                    let moment = light.moment[texel];
-                    let toward: [f32; 3] = std::array::from_fn(|k| moment[0][k] + moment[1][k] + moment[2][k]);
-                    let length = dot(toward, toward).sqrt();
-                    let direction = if length > 0.0 { toward.map(|c| c / length) } else { texel_unit_direction(n, face, x, y) };
-                    own.push((direction, flux));
-                }
-                if own.is_empty() {
-                    continue;
-                }
-                let cap = Cap::around(own.iter().map(|source| source.0));
-                let start = tiles.batches.len();
-                for sources in own.chunks(LANES) {
-                    let mut batch = Batch::default();
-                    for (i, (direction, flux)) in sources.iter().enumerate() {
-                        (0..3).for_each(|k| (batch.direction[k][i], batch.flux[k][i]) = (direction[k], flux[k]));
-                    }
-                    tiles.batches.push(batch);
-                }
-                tiles.tiles.push(Tile { cap, batches: start..tiles.batches.len() });
-            }
-        }
-        tiles
-    }
-
-    /// Tiles that a kernel of some direction within `around` of a middle may reach.
-    fn near(&self, kernel: &Kernel, around: &Cap) -> Vec<usize> {
-        let is_near = |tile: &Tile| !kernel.cap.add(&tile.cap).add(around).excludes(dot(tile.cap.middle, around.middle));
-        (0..self.tiles.len()).filter(|i| is_near(&self.tiles[*i])).collect()
-    }
-
-    /// Σ flux · γ over the tiles given.
-    fn gather(&self, near: &[usize], d: [f32; 3], kernel: &Kernel) -> [f32; 3] {
-        let mut sums = [[0.0f32; LANES]; 3];
-        for tile in near.iter().map(|i| &self.tiles[*i]) {
-            if !kernel.cap.add(&tile.cap).excludes(dot(tile.cap.middle, d)) {
-                self.batches[tile.batches.clone()].iter().for_each(|batch| batch.add(d, kernel.kappa, &mut sums));
-            }
-        }
-        sums.map(|lanes| kernel.peak * lanes.iter().sum::<f32>())
-    }
-}
-
-/// Directions about a middle.
-#[derive(Clone, Copy, Debug)]
-struct Cap {
-    middle: [f32; 3],
-    /// Of the angle from the middle to the edge; −1 is everything.
-    cosine: f32,
-    sine: f32,
-}
-
-impl Cap {
-    fn new(middle: [f32; 3], cosine: f32) -> Self {
-        let cosine = cosine.clamp(-1.0, 1.0);
-        Cap { middle, cosine, sine: (1.0 - cosine * cosine).max(0.0).sqrt() }
-    }
-
-    /// The cap about the mean of some directions that holds them all.
-    fn around(directions: impl Iterator<Item = [f32; 3]> + Clone) -> Self {
-        let mut sum = [0.0; 3];
-        directions.clone().for_each(|d| (0..3).for_each(|k| sum[k] += d[k]));
-        let length = dot(sum, sum).sqrt();
-        if length <= 0.0 {
-            return Cap::new([0.0, 0.0, 1.0], -1.0);
-        }
-        let middle = sum.map(|c| c / length);
-        // The rounding of a unit vector's length.
-        Cap::new(middle, directions.map(|d| dot(middle, d)).fold(1.0, f32::min) - 1e-6)
-    }
-
-    /// Angles added.
-    fn add(&self, other: &Cap) -> Cap {
-        // Beyond half a turn, where cosines would come back up, it is everything.
-        let is_all = self.cosine + other.cosine <= 0.0;
-        // cos(a + b) = cos a cos b − sin a sin b
-        let (a, b) = (self, other);
-        let (cosine, sine) = (a.cosine * b.cosine - a.sine * b.sine, a.sine * b.cosine + a.cosine * b.sine);
-        Cap { middle: self.middle, cosine: if is_all { -1.0 } else { cosine }, sine: if is_all { 0.0 } else { sine } }
-    }
-
-    /// A direction with this cosine to the middle is outside.
-    fn excludes(&self, cosine: f32) -> bool {
-        self.cosine > -1.0 && cosine < self.cosine
-    }
-}
-
-/// What a level is filtered with.
-struct Kernel {
-    kappa: f32,
-    peak: f32,
-    cap: Cap,
-}
-
-impl Kernel {
-    fn new(kappa: f64) -> Self {
-        // κ (1 − cos) = CUT at the edge.
-        Kernel { kappa: kappa as f32, peak: peak(kappa) as f32, cap: Cap::new([0.0; 3], 1.0 - CUT / kappa as f32) }
-    }
-}
-
-impl Batch {
-    /// Lane by lane without a branch, so that compilers make vectors of it.
-    #[inline]
-    fn add(&self, d: [f32; 3], kappa: f32, sums: &mut [[f32; LANES]; 3]) {
-        let [dx, dy, dz] = &self.direction;
-        let mut density = [0.0f32; LANES];
-        for i in 0..LANES {
-            let (x, y, z) = (d[0] - dx[i], d[1] - dy[i], d[2] - dz[i]);
-            let exponent = 0.5 * kappa * (x * x + y * y + z * z);
-            // Wide kernels end at 2κ < CUT, so this cuts them nowhere.
-            density[i] = if exponent < CUT { falloff(exponent) } else { 0.0 };
-        }
-        for (sum, flux) in sums.iter_mut().zip(&self.flux) {
-            (0..LANES).for_each(|i| sum[i] += density[i] * flux[i]);
-        }
-    }
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// e^(−x) for x in 0..=CUT, to 3·10⁻⁵ of the value: Taylor about the middle of 0..=CUT/8, to the eighth power.
-#[inline]
-fn falloff(x: f32) -> f32 {
-    const MIDDLE: f32 = CUT / 16.0;
-    // e^(−MIDDLE)
-    const SCALE: f32 = 0.562_704_9;
-    let y = MIDDLE - 0.125 * x;
-    let series = 1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y * (1.0 / 120.0 + y * (1.0 / 720.0))))));
-    let root = SCALE * series;
-    let fourth = (root * root) * (root * root);
-    fourth * fourth
-}
-
 /// Four texels as one: flux and moment add.
 fn halve(light: &LightCubemap) -> LightCubemap {
     let n = light.face_resolution;
@@ -280,7 +112,7 @@ fn halve(light: &LightCubemap) -> LightCubemap {
 /// Texels along the side of a block that looks for its tiles once.
 const BLOCK: usize = 8;
 
-fn level(sources: &Tiles, side: usize, kappa: f64, total: [f64; 3]) -> Level {
+fn level(path: SimdPath, sources: &Tiles, side: usize, kappa: f64, total: [f64; 3]) -> Level {
     let (row, kernel) = (side + 2, Kernel::new(kappa));
     let across = row.div_ceil(BLOCK);
     let direction = |face: usize, y: usize, x: usize| {
@@ -298,7 +130,7 @@ fn level(sources: &Tiles, side: usize, kappa: f64, total: [f64; 3]) -> Level {
     let blocks: Vec<Vec<[f32; 3]>> = map(6 * across * across, |block| {
         let directions = places(block).map(|(face, y, x)| direction(face, y, x));
         let near = sources.near(&kernel, &Cap::around(directions.clone()));
-        directions.map(|d| sources.gather(&near, d, &kernel)).collect()
+        directions.map(|d| sources.gather(path, &near, d, &kernel)).collect()
     });
     let mut texels = vec![[0.0f32; 3]; 6 * row * row];
     for (block, values) in blocks.iter().enumerate() {
@@ -349,6 +181,7 @@ impl Level {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sphere::cubemap::texel_unit_direction;
     use crate::sphere::vmf::{eval, square_to_vmf};
 
     fn uniform_light(n: usize, value: f32) -> LightCubemap {
@@ -384,6 +217,21 @@ mod tests {
             }
         }
         assert!(filtered.bytes() < 64 << 20, "{}", filtered.bytes());
+    }
+
+    #[test]
+    fn every_path_gives_the_same_bits() {
+        let n = 32;
+        let mut light = uniform_light(n, 0.3);
+        for i in (0..6 * n * n).step_by(97) {
+            let (face, y, x) = (i / (n * n), i / n % n, i % n);
+            set(&mut light, i, texel_unit_direction(n, face, x, y), [0.01 * (i % 13) as f32, 0.2, 0.0]);
+        }
+        let scalar = FilteredLight::prepare_on(SimdPath::Scalar, &light);
+        for path in [SimdPath::Avx2, SimdPath::Avx512] {
+            let same = FilteredLight::prepare_on(path, &light).levels.iter().zip(&scalar.levels).all(|(a, b)| a.texels == b.texels);
+            assert!(same, "{path:?}");
+        }
     }
 
     /// The whole picture of a small light: the lookup against the lobe's exact value at its place.
