@@ -28,6 +28,7 @@ mod nodes;
 
 use horizon::above;
 use nodes::{Nodes, density};
+use prelight_runtime::sphere::frame::dot;
 use prelight_runtime::sphere::vmf::{KAPPA_MAX, chord_squared, kappa_from_spread, mean_cosine};
 use std::sync::LazyLock;
 
@@ -104,10 +105,6 @@ fn tangents(n: [f64; 3]) -> [[f64; 3]; 2] {
     let a = -1.0 / (sign + n[2]);
     let b = n[0] * n[1] * a;
     [[1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]], [b, sign + n[1] * n[1] * a, -n[1]]]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Fits the slice `slice(s)` = f(v, s)·n·s (0 below the horizon, n = +z). `peak`: a direction near its largest value, such as the mirrored view.

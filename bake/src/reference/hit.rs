@@ -9,7 +9,7 @@ use crate::scene::world::World;
 use crate::trace::Hit;
 use prelight_runtime::brdf::{Measured, Place, Surface};
 use prelight_runtime::draw::shade::CLAY_ALBEDO;
-use prelight_runtime::sphere::frame::tangents;
+use prelight_runtime::sphere::frame::{dot, tangents};
 use prelight_runtime::surface::{AlphaMode, SurfaceSample, bend_normal, resolve, tangent_from_uv};
 use std::f32::consts::PI;
 
@@ -59,10 +59,6 @@ pub(crate) struct Met<'a> {
     pub culled: bool,
     surface: SurfaceSample,
     material: &'a prelight_runtime::surface::Material,
-}
-
-pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn mix<const N: usize>(weights: [f32; 3], values: [[f32; N]; 3]) -> [f32; N] {

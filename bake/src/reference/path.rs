@@ -9,10 +9,11 @@
 //! the throughput, at most 0.95.
 
 use super::Strategy;
-use super::hit::{Met, Shading, Surfaces, dot};
+use super::hit::{Met, Shading, Surfaces};
 use super::sequence::{Sequence, narrow};
 use crate::trace::{Hit, Occluders};
 use prelight_runtime::environment::{Environment, EnvironmentSampler};
+use prelight_runtime::sphere::frame::dot;
 
 /// Surfaces that one camera ray may pass, culled ones and BLEND layers together.
 const MOST_LAYERS: usize = 256;

@@ -29,7 +29,8 @@
 //!
 //! Lossy: reflections are blurred by about a texel (1.3° at 64²). Measured lobes are taken as they are.
 
-use crate::brdf::{Lobe, Measured, blinn_phong, cross, dot, ggx, phong};
+use crate::brdf::{Lobe, Measured, blinn_phong, cross, ggx, phong};
+use crate::sphere::frame::dot;
 use std::f64::consts::PI;
 
 /// Width of the added footprint in texels.

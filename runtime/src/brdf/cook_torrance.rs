@@ -9,7 +9,8 @@
 //! Directions are in the frame (tangent, bitangent, normal). Sources: Cook and Torrance 1982; \[Ove06\] Eq. 3.10, corrected.
 
 use super::ggx::schlick;
-use super::{dot, half_vector, ward};
+use super::{half_vector, ward};
+use crate::sphere::frame::dot;
 
 /// The lobe times n·l as the factor of F0 and the rest, sr⁻¹; 0 below the horizon. `v` above it.
 pub fn terms(v: [f64; 3], l: [f64; 3], slope: f64) -> [f64; 2] {

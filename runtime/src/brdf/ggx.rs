@@ -30,7 +30,8 @@
 //! horizon is lifted to n·v = [`N_DOT_V_MIN`], see [`lift_view`].
 
 use super::albedo::AlbedoTable;
-use super::{cross, dot, half_vector, reflect};
+use super::{cross, half_vector, reflect};
+use crate::sphere::frame::dot;
 use crate::sphere::frame::tangents;
 use std::f64::consts::PI;
 use std::sync::OnceLock;

@@ -19,9 +19,10 @@
 //! Error bounds of a lobe at a point come from [`Measured::peak_beyond`], the largest value of any channel from a half angle on.
 //! Source: Matusik et al. 2003; Rusinkiewicz 1998.
 
-use super::{dot, half_vector, lambert, reflect};
+use super::{half_vector, lambert, reflect};
 use crate::asset::layout::{Reader, Writer};
 use crate::error::RuntimeError;
+use crate::sphere::frame::dot;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 const MAGIC: &[u8; 4] = b"PLMB";

@@ -31,14 +31,11 @@ pub mod phong;
 pub mod surface;
 pub mod ward;
 
+use crate::sphere::frame::dot;
 pub use gltf::GltfSurface;
 pub use lobe::Lobe;
 pub use measured::Measured;
 pub use surface::{Coat, Place, Surface};
-
-pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
 
 pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

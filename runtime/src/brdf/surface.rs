@@ -9,7 +9,8 @@
 //! error of the albedo tables. KHR_materials_clearcoat weighs what is below by 1 − c·F(n_c·v); E takes the coat's roughness into account.
 
 use super::lobe::{Lobe, lift};
-use super::{dot, ggx, lambert};
+use super::{ggx, lambert};
+use crate::sphere::frame::dot;
 use crate::sphere::frame::tangents;
 
 /// Reflectance of a clear coat along its normal.

@@ -11,6 +11,7 @@
 //! Everything inside is f64 from + − × ÷ √ and `libm`, so a view is the same on every machine.
 
 use crate::error::RuntimeError;
+use crate::sphere::frame::dot;
 use serde::{Deserialize, Serialize};
 
 /// A camera of the scene, as the asset keeps it.
@@ -146,10 +147,6 @@ impl CameraRays {
 
 pub(super) fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Exactly antisymmetric in f64, on which the rasteriser's shared edges rest.

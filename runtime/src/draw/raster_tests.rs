@@ -77,7 +77,7 @@ fn per_sample(visibility: &Visibility) -> Vec<Option<u32>> {
 fn trace(soup: &Soup, eye: [f64; 3], d: [f64; 3], double_sided: bool) -> (Option<u32>, f64) {
     let sub = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| a[k] - b[k]) };
     let cross = super::camera::cross;
-    let dot = super::camera::dot;
+    let dot = crate::sphere::frame::dot;
     let (mut best, mut margin) = ((f64::INFINITY, None), 1.0f64);
     for (id, corners) in soup.triangles.iter().enumerate() {
         let [a, b, c] = corners.map(|v| soup.position[v as usize].map(f64::from));

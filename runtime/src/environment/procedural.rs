@@ -1,6 +1,7 @@
 //! Environments made in code: a clear sky with its sun, and a photo studio. For demos and tests; not physical models.
 
 use super::Environment;
+use crate::sphere::frame::dot;
 
 const WIDTH: usize = 512;
 const HEIGHT: usize = 256;
@@ -100,10 +101,6 @@ fn paint(radiance: impl Fn([f64; 3]) -> [f64; 3]) -> Environment {
         }
     }
     image
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

@@ -1,5 +1,6 @@
 //! Claims about the splat: energy, vector irradiance, continuity of a turning sun, borders and corners.
 
+use crate::sphere::frame::dot;
 use std::f64::consts::PI;
 
 use super::{Environment, LightCubemap, Splatter};
@@ -24,10 +25,6 @@ impl Random {
         let r = (1.0 - z * z).sqrt();
         [r * phi.cos(), r * phi.sin(), z]
     }
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn unit_directions(n: usize) -> Vec<[f64; 3]> {

@@ -1,5 +1,13 @@
 //! Orthonormal frames around a direction.
 
+use std::ops::{Add, Mul};
+
+/// a · b, the products added in order.
+#[inline(always)]
+pub fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> T {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
 /// Two unit vectors that form a right-handed frame (t, b, n) with the unit vector `n`.
 ///
 /// No singularity over the whole sphere: the sign of n.z picks the branch (errata 1.5).
@@ -16,7 +24,6 @@ mod tests {
 
     #[test]
     fn frames_are_orthonormal_at_both_poles_and_between() {
-        let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         for n in [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [-0.36, 0.48, 0.8], [0.0, 1.0, 0.0]] {
             let (t, b) = tangents(n);
             for (value, expected) in [(dot(t, t), 1.0), (dot(b, b), 1.0), (dot(t, b), 0.0), (dot(t, n), 0.0), (dot(b, n), 0.0)] {

@@ -21,6 +21,7 @@
 
 use super::Material;
 use crate::asset::AssetPatch;
+use crate::sphere::frame::dot;
 use std::f64::consts::PI;
 use std::sync::OnceLock;
 
@@ -32,10 +33,6 @@ const ANGLES: usize = 32;
 const TERMS: usize = 6;
 /// Heights, and directions to each side, of the integrals that the polynomials come from.
 const STEPS: usize = 64;
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
 
 /// Sum of the channels of a vector irradiance `[channel][axis]`.
 fn sum(irradiance: &[[f32; 3]; 3]) -> [f32; 3] {

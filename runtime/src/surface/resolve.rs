@@ -7,6 +7,7 @@
 
 use super::{AlphaMode, Material, Model, Texture, TextureRef};
 use crate::brdf::{Coat, GltfSurface, Lobe, Measured, Place, Surface, ggx, phong};
+use crate::sphere::frame::dot;
 
 /// A material's parameters at a place. Colours are linear Rec.709.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -243,10 +244,6 @@ fn sample(reference: &Option<TextureRef>, textures: &[Texture], uv0: [f32; 2], u
 fn unit(v: f32) -> f32 {
     // Not `clamp`, which keeps NaN.
     if v > 0.0 { v.min(1.0) } else { 0.0 }
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {

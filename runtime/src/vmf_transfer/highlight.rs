@@ -20,6 +20,7 @@ use super::light::FilteredLight;
 use crate::block_product::Glossy;
 use crate::block_product::brdf::PointLobe;
 use crate::brdf::{Lobe, phong};
+use crate::sphere::frame::dot;
 
 /// Most that direct light may follow the open sky's: a ratio far above 1 says that the lobe is not where the light comes from.
 pub const MOST_RATIO: f32 = 2.0;
@@ -48,10 +49,6 @@ fn concentration(lobe: &Lobe, cosine: f64) -> Option<f64> {
         Lobe::CookTorrance { slope } => slope * slope,
     };
     Some(1.0 / (2.0 * alpha_squared * cosine.max(LEAST_COSINE)))
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// `None` without a direction.

@@ -46,15 +46,10 @@ pub struct PixelLobes<'a> {
 }
 
 impl EyeLobes {
-    /// No indirect light.
-    pub(super) fn forget_slots(&mut self) {
-        self.slots = Default::default();
-    }
-
     /// Looks the slots of a point up, keeps those that one lobe stands for, and returns their light in both Schlick terms.
     pub(super) fn look_up(&mut self, light: &FilteredLight, slots: &[(Blend, f32); SLICE_LOBES]) -> Glossy {
         let mut glossy = Glossy::default();
-        self.forget_slots();
+        *self = EyeLobes::default();
         for (kept, (blend, grazing)) in self.slots.iter_mut().zip(slots) {
             let radiance = looked_up(light, blend);
             for c in 0..3 {

@@ -51,8 +51,8 @@ fn radiance_of(light: &FilteredLight, records: &[Record]) -> [f32; 3] {
     sum
 }
 
-/// Adds indirect glossy light of every point of a patch toward `eye`, and keeps its lobes for the pixels between points: in `lobes` that
-/// [`super::highlight::keep_highlights`] has made, or new ones. `normal`: the glossy normals that the slices were baked about.
+/// Adds indirect glossy light of every point of a patch toward `eye`, and keeps its lobes for the pixels between points in `lobes`, whatever they
+/// held. `normal`: the glossy normals that the slices were baked about.
 pub fn add_glossy(
     light: &FilteredLight,
     solid: &Icosahedron,
@@ -65,7 +65,7 @@ pub fn add_glossy(
 ) {
     for i in 0..transfer.len() {
         let point = transfer.point(i);
-        lobes[i].forget_slots();
+        lobes[i] = EyeLobes::default();
         if point.level.is_none() {
             continue;
         }

@@ -73,7 +73,7 @@ fn errors_and_energies_are_those_of_the_study() {
 #[test]
 fn a_lobe_is_found_again_at_any_width() {
     for kappa in [3.0, 30.0, 1e3, 3e4] {
-        let mu = [0.48, 0.0, 0.8773825];
+        let mu: [f64; 3] = [0.48, 0.0, 0.8773825];
         let length = dot(mu, mu).sqrt();
         let mu = mu.map(|c| c / length);
         // Not cut at the horizon, so the answer is exact.

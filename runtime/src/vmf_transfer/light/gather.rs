@@ -8,6 +8,7 @@ use super::simd;
 use crate::block_product::SimdPath;
 use crate::environment::LightCubemap;
 use crate::sphere::cubemap::texel_unit_direction;
+use crate::sphere::frame::dot;
 use crate::sphere::vmf::peak;
 
 /// ln of the share of the peak below which a kernel is cut.
@@ -180,10 +181,6 @@ impl Batch {
             }
         }
     }
-}
-
-pub fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// e^(−x) for x in 0..=CUT, to 3·10⁻⁵ of the value: Taylor about the middle of 0..=CUT/8, to the eighth power.

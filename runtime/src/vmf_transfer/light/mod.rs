@@ -19,7 +19,8 @@ mod simd;
 use crate::block_product::SimdPath;
 use crate::environment::LightCubemap;
 use crate::sphere::cubemap::{face_axes, face_from_direction, texel_solid_angle};
-use gather::{Cap, Kernel, Tiles, dot};
+use crate::sphere::frame::dot;
+use gather::{Cap, Kernel, Tiles};
 
 /// Texels of a level's side per √κ.
 const SIDE: f64 = 8.0;
