@@ -6,7 +6,7 @@ use super::bake::bake_loaded;
 use super::chart::ChartArgs;
 use super::chart_cells::ChartLight;
 use super::loaded::Loaded;
-use super::opened::open_asset;
+use super::opened::{open_asset, short_name};
 use super::output::write_atomically;
 use super::render::Picture;
 use super::truth::{Truth, kept_or_traced};
@@ -180,7 +180,7 @@ impl Ld09<'_> {
                 // What a picture without any indirect light misses.
                 let indirect_share = unbiased_relative_l2(&traced_direct.image, halves, &traced.mask);
                 rows.push(GlossyRow {
-                    environment: light.name.clone(),
+                    environment: short_name(&light.name),
                     view: chart_view.name.clone(),
                     direct_relative_l2: metrics(&direct)?.mask.relative_l2,
                     relative_l2: full_metrics.relative_l2,
@@ -196,7 +196,7 @@ impl Ld09<'_> {
                 let exposure = automatic_exposure(&traced.image, &traced.mask);
                 for (image, name) in [(&full, "lobes"), (&direct, "direct"), (&traced.image, "reference")] {
                     let png = expose(image, exposure).to_png()?;
-                    let name = format!("paper-ld09-{}-{i}-{name}.png", light.name.replace(['/', '\\'], "_"));
+                    let name = format!("paper-ld09-{}-{i}-{name}.png", short_name(&light.name));
                     write_atomically(&self.args.output.join(name), |out| out.write_all(&png))?;
                 }
             }
