@@ -43,7 +43,8 @@ pub struct Record {
 /// When the record carries more than [`MAX_RECORD_DATA`] or a shape has more than 16 dimensions: bugs of the caller.
 pub(crate) fn encode_record(key: &Digest, record: &Record) -> Vec<u8> {
     assert!(record.data.len() <= MAX_RECORD_DATA, "a record carries at most {MAX_RECORD_DATA} bytes of data");
-    let mut bytes = vec![0; RECORD_HEAD];
+    let mut bytes = Vec::with_capacity((RECORD_HEAD + (CHUNK_HEAD + 16) * record.chunks.len() + record.data.len()).next_multiple_of(8));
+    bytes.resize(RECORD_HEAD, 0);
     bytes[..32].copy_from_slice(&key.0);
     for chunk in &record.chunks {
         assert!(chunk.shape.len() <= MAX_RANK, "shape {:?} has more than {MAX_RANK} dimensions", chunk.shape);

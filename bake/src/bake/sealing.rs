@@ -76,7 +76,8 @@ impl Sealing<'_> {
     /// Puts what is final only now (areas change when triangles are split), names every chunk of the objects and, where they are `whole`,
     /// records them.
     pub fn seal(&self, work: &[ObjectWork], whole: bool, stats: &mut BakeStats) -> Result<Vec<AssetObject>, BakeError> {
-        const POINTS_PER_SHARD: usize = 64 * PATCH_POINTS;
+        // Nothing is traced here, so little is lost with a shard.
+        const POINTS_PER_SHARD: usize = 256 * PATCH_POINTS;
         let mut writer = self.store.writer();
         let mut waiting = 0;
         let mut sealed = Vec::with_capacity(work.len());

@@ -14,7 +14,9 @@ use crate::plan::shaft::OriginBoxes;
 use crate::plan::surface::point_surfaces;
 use crate::plan::{ObjectPlan, PointParams};
 use crate::refine::border::{Breaks, Seen};
+use crate::refine::edge::EdgeTable;
 use crate::refine::split_differing;
+use crate::refine::visibility_difference::{OpenBits, is_same};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::Occluders;
@@ -63,6 +65,21 @@ impl ObjectWork {
     fn is_changed(&self, known: &KnownLight, patch: usize) -> bool {
         let before = &known.light.patches[patch];
         before.visibility.digest != self.visibility[patch].0.digest || before.buried != self.buried[patch]
+    }
+
+    /// Marks the points of a patch that do not see what they saw, or are buried now or were then. All of them where that cannot be told.
+    fn mark_changed(&self, known: &KnownLight, patch: usize, changed: &mut [bool]) {
+        let before = known.visibility.get(patch).and_then(|chunk| Visibility::from_chunk(chunk).ok());
+        let now = Visibility::from_chunk(&self.visibility[patch].1).ok();
+        let Some((before, now)) = before.zip(now).filter(|(before, now)| before.len() == now.len()) else {
+            changed.fill(true);
+            return;
+        };
+        let (was_buried, is_buried) = (&known.light.patches[patch].buried, &self.buried[patch]);
+        for (local, changed) in changed.iter_mut().enumerate() {
+            let point = local as u8;
+            *changed = !is_same(&before.point(local), &now.point(local)) || was_buried.contains(&point) != is_buried.contains(&point);
+        }
     }
 
     /// The earlier bake whose chunks this object still has, but for those of light: all patches so far are as they were, and no other was
@@ -181,14 +198,17 @@ impl ObjectWork {
         };
         let is_buried = |i: u32| self.plan.flags[i as usize] & BURIED != 0;
         let breaks = Breaks::new(face_resolution as usize, params.most_unrest);
+        let bits = RefCell::new(OpenBits::new(6 * (face_resolution * face_resolution) as usize));
         let direct = |a: u32, b: u32| {
             let (Some(seen_a), Some(seen_b)) = (seen(a), seen(b)) else { return false };
-            breaks.split(seen_a, seen_b, [is_buried(a), is_buried(b)], &mut scratch.borrow_mut())
+            let difference = |_: &mut _| bits.borrow_mut().difference((a, seen_a.visibility), (b, seen_b.visibility));
+            breaks.split_by(difference, seen_a, seen_b, [is_buried(a), is_buried(b)], &mut scratch.borrow_mut())
         };
         let (patches_lit, normal) = (&self.indirect.0, &self.indirect.1);
         let baker = transfer.zip(options.transfer_of(self.plan.object));
         let indirect = baker.map(|(baker, own)| baker.differing(&self.plan, patches_lit, normal, own));
         let mut recall = self.known.as_deref().filter(|_| !params.coarser).map(|known| Recall::new(self, known));
+        let asked = RefCell::new(EdgeTable::default());
         let (plan, differing) = loop {
             let found = RefCell::new(Vec::new());
             let differs = |a: u32, b: u32| {
@@ -196,7 +216,13 @@ impl ObjectWork {
                     return false;
                 }
                 let lobes = || !is_buried(a) && !is_buried(b) && indirect.as_ref().is_some_and(|differs| differs(a, b));
-                let ask = || direct(a, b) || lobes();
+                // Most edges have two triangles, and each asks.
+                let ask = || {
+                    let known = asked.borrow().get(a, b);
+                    let answer = known.unwrap_or_else(|| u32::from(direct(a, b) || lobes()));
+                    asked.borrow_mut().get_or_insert(a, b, answer);
+                    answer == 1
+                };
                 let answer = match &recall {
                     Some(recall) => recall.answer([a, b], ask),
                     None => ask(),
@@ -242,7 +268,7 @@ impl ObjectWork {
 /// Answers of an earlier bake about edges.
 struct Recall<'a> {
     known: &'a KnownLight,
-    /// `[points]` those of patches that are not as they were.
+    /// `[points]` those that do not see what they saw.
     changed: Vec<bool>,
     /// `[points]` those that differed from some other.
     differed: Vec<bool>,
@@ -257,7 +283,9 @@ impl<'a> Recall<'a> {
     fn new(object: &ObjectWork, known: &'a KnownLight) -> Self {
         let (mut changed, mut differed) = (vec![false; object.plan.n_points()], vec![false; object.plan.n_points()]);
         for (index, patch) in object.plan.patches.iter().enumerate().take(object.visibility.len()) {
-            changed[patch.range()].fill(object.is_changed(known, index));
+            if object.is_changed(known, index) {
+                object.mark_changed(known, index, &mut changed[patch.range()]);
+            }
         }
         // Points of later rounds are not there yet.
         for point in known.light.differing.as_flattened() {

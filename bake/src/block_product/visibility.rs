@@ -72,6 +72,7 @@ pub fn open_bits_in(point: &PointVisibility, face_resolution: usize, wanted: imp
     let mut fill = |block: usize, positions: &[usize], before: bool| {
         let (face, first) = (block / face_blocks, block % face_blocks * BLOCK_TEXELS);
         let texels = &order[first..first + BLOCK_TEXELS];
+        let shift = n.trailing_zeros();
         let (x0, y0) = (texels[0] as usize % n / BLOCK_SIDE * BLOCK_SIDE, texels[0] as usize / n / BLOCK_SIDE * BLOCK_SIDE);
         if !wanted(face, y0) {
             return;
@@ -82,7 +83,7 @@ pub fn open_bits_in(point: &PointVisibility, face_resolution: usize, wanted: imp
             for end in positions.iter().copied().chain([BLOCK_TEXELS]) {
                 if is_open {
                     for texel in &texels[from..end] {
-                        rows[*texel as usize / n - y0] |= 1 << (*texel as usize % n - x0);
+                        rows[(*texel >> shift) as usize % BLOCK_SIDE] |= 1 << (*texel as usize % BLOCK_SIDE);
                     }
                 }
                 (from, is_open) = (end, !is_open);
@@ -239,10 +240,23 @@ impl BlockOrder {
             }
             return bit;
         }
+        // Blocks and faces have powers of two texels along a side.
+        let bit_of = |texel: u32| rows[(texel >> n.trailing_zeros()) as usize % BLOCK_SIDE] >> (texel as usize % BLOCK_SIDE) & 1;
         let mut last = before;
+        if parts.is_empty() {
+            for (word, texels) in order.chunks_exact(64).enumerate() {
+                let bits = texels.iter().enumerate().fold(0, |bits, (i, texel)| bits | u64::from(bit_of(*texel)) << i);
+                let mut toggles = bits ^ (bits << 1 | u64::from(last));
+                last = bits >> 63 == 1;
+                while toggles != 0 {
+                    positions.push((64 * word) as u8 + toggles.trailing_zeros() as u8);
+                    toggles &= toggles - 1;
+                }
+            }
+            return last;
+        }
         for (position, texel) in order.iter().enumerate() {
-            let (x, y) = (*texel as usize % n - x0, *texel as usize / n - y0);
-            let mut bit = rows[y] >> x & 1 == 1;
+            let mut bit = bit_of(*texel) == 1;
             if let Some(((at, level), rest)) = parts.split_first()
                 && *at as usize % BLOCK_TEXELS == position
             {

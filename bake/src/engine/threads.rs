@@ -28,8 +28,8 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 /// gone cannot be had.
 const MAX_TOUCHES: usize = 1024;
 
-/// Patches of a shard at most.
-const SHARD_PATCHES: usize = 64;
+/// Patches of a shard at most, about a second of work indoors: publishing takes two milliseconds of processor time however much it is.
+const SHARD_PATCHES: usize = 128;
 
 /// A patch to be traced.
 #[derive(Clone, Copy)]

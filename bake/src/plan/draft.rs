@@ -1,6 +1,6 @@
 //! New points before they are put into patches: which base triangles hold them, their normals and ray origins, side by side.
 
-use super::origin::{Lift, Surroundings, area_normal, is_excluded, ray_origin};
+use super::origin::{Facet, Lift, Surroundings, is_excluded, ray_origin};
 use super::patch::{Lattice, Place, dominant_axis};
 use super::weld::{BaseMesh, narrow, wide};
 use crate::refine::edge::edge_key;
@@ -28,17 +28,25 @@ impl Drafts {
     pub fn new(base: &BaseMesh, refined: &Refined, points: &[u32], level: Option<u8>, edge_length: f32) -> Drafts {
         let (holders, lattice) = (Holders::new(base), Lattice::new(base));
         let mut drafts = Drafts { sides: Vec::with_capacity(points.len()), excluded: Vec::with_capacity(points.len()) };
-        let mut held = Vec::new();
+        // Every point of a dense mesh meets six triangles, on one side or two.
+        let facets: Vec<Facet> = match 4 * points.len() > base.triangles.len() {
+            true => (0..base.triangles.len() as u32).map(|t| Facet::new(&base.corner_positions(t))).collect(),
+            false => Vec::new(),
+        };
+        let facet = |t: u32| facets.get(t as usize).copied().unwrap_or_else(|| Facet::new(&base.corner_positions(t)));
+        let (mut held, mut around) = (Vec::new(), Vec::new());
         for point in points.iter().map(|point| *point as usize) {
             let home = refined.home[point];
             holders.of(home.base, home.weights(), &mut held);
+            around.clear();
+            around.extend(held.iter().map(|t| (*t, facet(*t))));
             let [x, y, z] = base.corner_points(home.base).map(|p| wide(base.local[p as usize]));
             let weights = home.weights().map(|w| f64::from(w) / f64::from(ONE));
             let code = lattice.code((x * weights[0] + y * weights[1] + z * weights[2]).to_array());
             let double_sided = base.primitives[refined.points.primitive[point] as usize].double_sided;
             for back in [false, true].into_iter().take(if double_sided { 2 } else { 1 }) {
                 let place = Place { level: level.unwrap_or(refined.level[point]), fine: false, back, axis: 0, code, point: point as u32 };
-                drafts.push(base, refined, place, &held, edge_length);
+                drafts.push(base, refined, place, &around, edge_length);
             }
         }
         drafts
@@ -49,11 +57,11 @@ impl Drafts {
         &self.excluded[draft.first_excluded as usize..][..draft.n_excluded as usize]
     }
 
-    fn push(&mut self, base: &BaseMesh, refined: &Refined, place: Place, held: &[u32], edge_length: f32) {
+    fn push(&mut self, base: &BaseMesh, refined: &Refined, place: Place, held: &[(u32, Facet)], edge_length: f32) {
         let point = place.point as usize;
         let sign = if place.back { -1.0 } else { 1.0 };
         let position = wide(refined.points.position[point]);
-        let around = Surroundings::new(held.iter().map(|&t| base.corner_positions(t)), sign);
+        let around = Surroundings::of(held.iter().map(|(_, facet)| *facet), sign);
         let normal = wide(refined.points.normal[point]) * sign;
         let geometric = if around.geometric_normal.length_squared() > 0.5 { around.geometric_normal } else { normal };
 
@@ -64,10 +72,9 @@ impl Drafts {
         let origin = ray_origin(position, geometric, &around, lift, edge_length);
 
         let first_excluded = self.excluded.len() as u32;
-        for &triangle in held {
-            let corners = base.corner_positions(triangle);
-            let facing = area_normal(&corners).normalize_or_zero() * sign;
-            if is_excluded(position, origin, facing, wide(corners[0]), &around, lift) {
+        for (triangle, facet) in held.iter().map(|(t, facet)| (*t, facet)) {
+            let (facing, corner) = (facet.normal * sign, base.corner_positions(triangle)[0]);
+            if is_excluded(position, origin, facing, wide(corner), &around, lift) {
                 self.excluded.push(base.triangles[triangle as usize].id);
             }
         }
@@ -84,8 +91,6 @@ struct Holders<'a> {
     /// `[base points + 1]`, then triangles: corners.
     fan_start: Vec<u32>,
     fan: Vec<u32>,
-    /// Sorted (edge of points, triangle).
-    edges: Vec<(u64, u32)>,
 }
 
 impl<'a> Holders<'a> {
@@ -100,18 +105,18 @@ impl<'a> Holders<'a> {
         }
         let mut fan = vec![0u32; 3 * base.triangles.len()];
         let mut next = fan_start.clone();
-        let mut edges = Vec::with_capacity(3 * base.triangles.len());
         for t in triangles() {
-            let points = base.corner_points(t);
-            for k in 0..3 {
-                let at = &mut next[points[k] as usize];
+            for point in base.corner_points(t) {
+                let at = &mut next[point as usize];
                 fan[*at as usize] = t;
                 *at += 1;
-                edges.push((edge_key(points[k], points[(k + 1) % 3]), t));
             }
         }
-        edges.sort_unstable();
-        Holders { base, fan_start, fan, edges }
+        Holders { base, fan_start, fan }
+    }
+
+    fn fan(&self, point: u32) -> &[u32] {
+        &self.fan[self.fan_start[point as usize] as usize..self.fan_start[point as usize + 1] as usize]
     }
 
     /// Base triangles (indices, ascending) that hold a point: the fan of a base point, the triangles at the base edge of a point on
@@ -121,14 +126,17 @@ impl<'a> Holders<'a> {
         let points = self.base.corner_points(base);
         let zero = |k: usize| weights[k] == 0;
         if let Some(k) = (0..3).find(|&k| zero((k + 1) % 3) && zero((k + 2) % 3)) {
-            let p = points[k] as usize;
-            held.extend_from_slice(&self.fan[self.fan_start[p] as usize..self.fan_start[p + 1] as usize]);
+            held.extend_from_slice(self.fan(points[k]));
             // A triangle with two corners at one point is there twice.
             held.dedup();
         } else if let Some(k) = (0..3).find(|&k| zero(k)) {
-            let key = edge_key(points[(k + 1) % 3], points[(k + 2) % 3]);
-            let first = self.edges.partition_point(|e| e.0 < key);
-            held.extend(self.edges[first..].iter().take_while(|e| e.0 == key).map(|e| e.1));
+            let [p, q] = [points[(k + 1) % 3], points[(k + 2) % 3]];
+            let has_edge = |t: &u32| {
+                let corners = self.base.corner_points(*t);
+                (0..3).any(|i| edge_key(corners[i], corners[(i + 1) % 3]) == edge_key(p, q))
+            };
+            let [a, b] = [self.fan(p), self.fan(q)];
+            held.extend(if a.len() <= b.len() { a } else { b }.iter().filter(|t| has_edge(t)));
             held.dedup();
         } else {
             held.push(base);

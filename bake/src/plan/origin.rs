@@ -51,20 +51,51 @@ pub(crate) fn area_normal(corners: &[[f32; 3]; 3]) -> DVec3 {
     (b - a).cross(c - a)
 }
 
+/// What a triangle adds to the surroundings of the points on it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Facet {
+    /// Unit normal, zero where there is none.
+    pub normal: DVec3,
+    /// Twice the area times the unit normal.
+    twice: DVec3,
+    /// Twice the area.
+    weight: f64,
+    /// Sum of the corners, times `weight`.
+    moment: DVec3,
+    /// Sum of the edges, metres.
+    edges: f64,
+    /// Largest absolute coordinate.
+    largest: f64,
+}
+
+impl Facet {
+    /// Of a triangle's corners.
+    pub fn new(corners: &[[f32; 3]; 3]) -> Facet {
+        let twice = area_normal(corners);
+        let weight = twice.length();
+        let largest = corners.iter().flatten().fold(0.0f64, |m, x| m.max(f64::from(x.abs())));
+        let [a, b, c] = corners.map(wide);
+        let edges = (b - a).length() + (c - b).length() + (a - c).length();
+        Facet { normal: twice.normalize_or_zero(), twice, weight, moment: (a + b + c) * weight, edges, largest }
+    }
+}
+
 impl Surroundings {
     /// Sums over the triangles that hold a point, seen from one side (`sign` is −1 for the back).
     pub fn new(triangles: impl Iterator<Item = [[f32; 3]; 3]>, sign: f64) -> Surroundings {
+        Surroundings::of(triangles.map(|corners| Facet::new(&corners)), sign)
+    }
+
+    /// The same of facets.
+    pub(crate) fn of(facets: impl Iterator<Item = Facet>, sign: f64) -> Surroundings {
         let (mut normal, mut centroid, mut area, mut edges, mut n, mut largest) = (DVec3::ZERO, DVec3::ZERO, 0.0, 0.0, 0.0, 0.0f64);
-        for corners in triangles {
-            let twice = area_normal(&corners);
-            let [a, b, c] = corners.map(wide);
-            let weight = twice.length();
-            normal += twice * sign;
-            centroid += (a + b + c) * weight;
-            area += weight;
-            edges += (b - a).length() + (c - b).length() + (a - c).length();
+        for facet in facets {
+            normal += facet.twice * sign;
+            centroid += facet.moment;
+            area += facet.weight;
+            edges += facet.edges;
             n += 3.0;
-            largest = corners.iter().flatten().fold(largest, |m, x| m.max(f64::from(x.abs())));
+            largest = largest.max(facet.largest);
         }
         Surroundings {
             geometric_normal: normal.normalize_or_zero(),

@@ -91,10 +91,23 @@ impl Breaks {
     /// Whether an edge is split. Nothing leaks from a buried end, which nothing is interpolated from; a border runs along where a surface goes into
     /// another all the same.
     pub fn split(&self, a: Seen, b: Seen, buried: [bool; 2], scratch: &mut [Vec<u32>; 2]) -> bool {
+        let difference = |scratch: &mut [Vec<u32>; 2]| Difference::between(a.visibility, b.visibility, self.texels, scratch);
+        self.split_by(difference, a, b, buried, scratch)
+    }
+
+    /// The same by what `difference` says of the ends.
+    pub fn split_by(
+        &self,
+        difference: impl FnOnce(&mut [Vec<u32>; 2]) -> Difference,
+        a: Seen,
+        b: Seen,
+        buried: [bool; 2],
+        scratch: &mut [Vec<u32>; 2],
+    ) -> bool {
         if buried == [true; 2] {
             return false;
         }
-        let leaks = buried == [false; 2] && Difference::between(a.visibility, b.visibility, self.texels, scratch).is_leak(self.texels);
+        let leaks = buried == [false; 2] && difference(scratch).is_leak(self.texels);
         leaks || self.borders.is_some_and(|(moments, most)| unrest(a, b, moments, scratch) > most)
     }
 }
