@@ -36,7 +36,8 @@ use stats::Clock;
 use std::ops::ControlFlow;
 use work::{ObjectWork, trace_missing};
 
-/// Rounds of splitting at most: each halves an edge, and the area floor ends it sooner.
+/// Rounds of splitting at most: each halves an edge, and the area floor ends it sooner. Before them as many in which points that others stand in
+/// for are baked.
 pub(crate) const MAX_ROUNDS: usize = 6;
 
 /// Triangles of a leaf of the tree that paths are traced through.
@@ -266,13 +267,10 @@ fn bake_batch(
     let Sealing { scene, options, progress, transfer, .. } = *of;
     let stage = Stage::begin(progress, "bake", Some(estimate), "points");
     stage.advance(stats.points_made);
-    for round in 0..=MAX_ROUNDS {
+    loop {
         check(progress)?;
         trace_missing(tracer, options, work, stats, None)?;
         clock.lap("trace");
-        if round == MAX_ROUNDS {
-            break;
-        }
         if let Some(transfer) = transfer {
             for object in work.iter_mut() {
                 object.trace_indirect(scene, options, transfer, stats)?;

@@ -134,10 +134,9 @@ fn errors_fall_as_points_are_added_and_budgets_hold_under_held_back_lights() {
         let (held_back, steered) = (error.sums.judged(0..n), error.sums.judged(n..error.sums.truth.len()));
         let grid = error.grid.judged(0..n);
         println!("{}: predicted {:.4}, {steered:.4}; held back {held_back:.4}; grid {grid:.4}", choice.object, choice.predicted);
-        // What was refined around places alone is what the bake refines, but for f32 sums in another order; on the ball, which has more vertices than
-        // points, the bake first puts points where stand-ins leak.
-        let is_ball = choice.object == 2;
-        assert!(is_ball || (steered - choice.predicted).abs() < 0.02 * choice.predicted + 1e-4, "{choice:?}: {steered}");
+        // What was refined around places alone is what the bake refines, but for f32 sums in another order; so it is on the ball, which has more
+        // vertices than points, where the bake first puts points where stand-ins leak.
+        assert!((steered - choice.predicted).abs() < 0.02 * choice.predicted + 1e-4, "{choice:?}: {steered}");
         assert!(grid > 0.0 && grid < 0.1, "{grid}");
         assert!(choice.is_declared || held_back <= 1.5 * choice.budget, "{choice:?}: {held_back}");
     }

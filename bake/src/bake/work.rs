@@ -1,5 +1,6 @@
 //! The objects of a batch while they are worked on: traced, and split where neighbours differ.
 
+use super::MAX_ROUNDS;
 use super::options::BakeOptions;
 use super::stats::BakeStats;
 use crate::budget::{ObjectError, PLACES, Places, Probes, measure_baked};
@@ -26,6 +27,11 @@ use prelight_runtime::block_product::visibility::Visibility;
 use prelight_store::Chunk;
 use std::cell::{Cell, OnceCell, RefCell};
 
+/// A round that bakes points that others stood in for.
+const STANDS: usize = 0;
+/// A round that splits edges.
+const EDGES: usize = 1;
+
 /// An object of the current batch.
 pub(super) struct ObjectWork {
     pub plan: ObjectPlan,
@@ -41,8 +47,10 @@ pub(super) struct ObjectWork {
     differing: Vec<[u32; 2]>,
     /// Light over other surfaces as it is now, and the normals that its slices lie about; empty where the object has none.
     indirect: (Vec<PatchTransfer>, Vec<[f32; 3]>),
-    /// Points below this were there at the last round: edges between them were asked then, and the answer does not change.
+    /// Points below this were there when edges were last split: those between them were asked then, and the answer does not change.
     judged: u32,
+    /// Rounds of each kind so far, [`STANDS`] and [`EDGES`], at most [`MAX_ROUNDS`].
+    rounds: [usize; 2],
     pub counts: ObjectCounts,
 }
 
@@ -57,6 +65,7 @@ impl ObjectWork {
             differing: Vec::new(),
             indirect: Default::default(),
             judged: 0,
+            rounds: [0; 2],
             counts: ObjectCounts::default(),
         }
     }
@@ -233,9 +242,11 @@ impl ObjectWork {
                 answer
             };
             // Where fewer points are baked than the mesh has, those between two that differ are baked first.
-            let plan = match self.plan.without_leaking_stands(params, &direct) {
-                Some(plan) => Some(plan),
-                None => split_differing(&self.plan, params, &differs)?,
+            let is_left = |kind: usize| self.rounds[kind] < MAX_ROUNDS;
+            let plan = match is_left(STANDS).then(|| self.plan.without_leaking_stands(params, &direct)).flatten() {
+                Some(plan) => Some((plan, STANDS)),
+                None if is_left(EDGES) => split_differing(&self.plan, params, &differs)?.map(|plan| (plan, EDGES)),
+                None => None,
             };
             if recall.as_ref().is_none_or(|recall| !recall.has_lost.get()) {
                 break (plan, found.into_inner());
@@ -256,9 +267,13 @@ impl ObjectWork {
         if !goes_on {
             self.known = None;
         }
-        let Some(plan) = plan else { return Ok(0) };
+        let Some((plan, kind)) = plan else { return Ok(0) };
+        self.rounds[kind] += 1;
         let added = (plan.n_points() - self.plan.n_points()) as u64;
-        self.judged = self.plan.n_points() as u32;
+        // Baking what something stood in for asks no edge.
+        if kind == EDGES {
+            self.judged = self.plan.n_points() as u32;
+        }
         self.counts.split += added as u32;
         self.plan = plan;
         Ok(added)

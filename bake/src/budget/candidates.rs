@@ -173,11 +173,18 @@ impl<'a> Question<'a> {
     /// # Errors
     /// As `candidate`.
     pub fn asked(&mut self, length: usize, border: usize) -> Result<(Candidate, Sums), BakeError> {
+        let (near, points) = self.around(length, border)?;
         let params = params(&self.own, length, border);
-        self.plan(length, border)?;
-        let plan = self.plans[length][usize::from(border > 0)].as_ref().expect("just planned");
-        let (near, points) = refine_around(plan, &params, &self.places, &self.tracing)?;
         let sums = measure_planned(&near, &self.places, self.probes, &self.tracing);
         Ok((Candidate { length, border, params, points, predicted: sums.judged(0..sums.truth.len()) }, sums))
+    }
+    /// The candidate's plan where places are, refined as a bake does it, and the points that all of it is expected to have.
+    ///
+    /// # Errors
+    /// As `candidate`.
+    pub fn around(&mut self, length: usize, border: usize) -> Result<(ObjectPlan, u64), BakeError> {
+        self.plan(length, border)?;
+        let plan = self.plans[length][usize::from(border > 0)].as_ref().expect("just planned");
+        Ok(refine_around(plan, &params(&self.own, length, border), &self.places, &self.tracing)?)
     }
 }

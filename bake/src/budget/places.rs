@@ -32,7 +32,7 @@ pub(super) struct Place {
     /// Shading normal, unit.
     pub normal: [f32; 3],
     /// Where its rays start, and the base triangle that never blocks them.
-    origin: [f32; 3],
+    pub origin: [f32; 3],
     excluded: Option<u32>,
     /// Under each light.
     pub truth: Vec<Irradiance>,
@@ -103,6 +103,26 @@ impl Places {
         Places { places: (0..n).filter_map(place).collect(), area }
     }
 
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Whether there are none: an object without a surface.
+    pub fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+
+    /// One of them alone.
+    pub fn alone(&self, place: usize) -> Places {
+        Places { places: vec![self.places[place].clone()], area: self.area }
+    }
+
+    /// Where the rays of one of them start, and its shading normal.
+    pub fn at(&self, place: usize) -> ([f32; 3], [f32; 3]) {
+        (self.places[place].origin, self.places[place].normal)
+    }
+
     /// What the grid of directions itself loses: the true light at one place in twelve against that of [`EXACT_RESOLUTION`]² texels, as fine as
     /// the pixels of a map of 1,024 columns, with as many samples each. Zeros of lights that have no such texels.
     pub fn grid_error(&self, occluders: &Occluders, probes: &Probes) -> Sums {
@@ -121,7 +141,7 @@ impl Places {
     }
 
     /// What bits and directions lose at the places themselves: a point there against the truth. No mesh is so fine that it loses less.
-    pub(super) fn point_error(&self, tracing: &Tracing) -> Sums {
+    pub fn point_error(&self, tracing: &Tracing) -> Sums {
         let (occluders, probes) = (tracing.occluders(), tracing.probes());
         let n = probes.lights.len();
         let mut sums = Sums { difference: vec![0.0; n], truth: vec![0.0; n] };

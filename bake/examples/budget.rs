@@ -1,0 +1,117 @@
+//! An experiment: what a budget of error predicts under each light beside what the bake reaches and where it loses most, or the planner beside one
+//! setting for all objects.
+//!
+//! ```text
+//! cargo run --release -p prelight-bake --example budget -- SCENE                    # SCENE has a max_error
+//! cargo run --release -p prelight-bake --example budget -- SCENE --contest 0.1,0.05 [--faces 128]
+//! ```
+
+use prelight_bake::bake::bake;
+use prelight_bake::budget::candidates::{BORDERS, LENGTHS, Question, Subject, params};
+use prelight_bake::budget::knapsack::{candidates, contest};
+use prelight_bake::budget::{Choice, Directions, ObjectError, Probes, Sums, Tracing, measure_planned};
+use prelight_bake::plan::buried::BuriedProbe;
+use prelight_bake::plan::counts::Counts;
+use prelight_bake::progress::Silent;
+use prelight_bake::scene::Scene;
+use prelight_bake::scene::input::SceneInput;
+use prelight_bake::scene::world::World;
+use prelight_bake::settings::Settings;
+use prelight_bake::trace::{OccluderOptions, Occluders};
+use prelight_manifests::quality::Shades;
+use prelight_store::Store;
+use std::path::Path;
+use std::sync::Arc;
+
+const MEMORY: u64 = 8 << 30;
+/// Lights and places of each that are listed.
+const LISTED: [usize; 2] = [3, 6];
+
+struct Experiment<'a> {
+    scene: &'a Scene,
+    world: &'a World,
+    occluders: &'a Occluders,
+    settings: &'a Settings,
+}
+
+impl Experiment<'_> {
+    /// The planner and one setting for all.
+    fn contest(&self, budgets: &str, face_resolution: u32) {
+        let directions = Directions { face_resolution, shades: Shades::Binary };
+        let all = candidates(self.scene, self.world, self.occluders, &self.settings.unbudgeted, directions, &Silent)
+            .expect("the scene can be planned");
+        for budget in budgets.split(',').map(|budget| budget.parse().expect("budgets are numbers")) {
+            let of = contest(&all, budget);
+            println!("{}", serde_json::to_string(&of).expect("plain numbers"));
+        }
+    }
+
+    /// What was predicted for an object beside what was reached.
+    fn compare(&self, choice: &Choice, error: &ObjectError, probes: &Probes) {
+        let Experiment { scene, world, occluders, settings } = *self;
+        let (solids, object) = (BuriedProbe::new(scene, world), choice.object);
+        let directions = Directions { face_resolution: settings.options.face_resolution, shades: settings.options.visibility };
+        let own = settings.unbudgeted[object];
+        let subject = Subject { scene, world, occluders, solids: &solids, object, own };
+        let places = subject.places(probes);
+        let tracing = Tracing::new(occluders, probes, &solids, own.edge_length, directions);
+        let at_points = places.point_error(&tracing);
+        let all = (0..LENGTHS.len()).flat_map(|length| (0..BORDERS.len()).map(move |border| (length, border)));
+        let (length, border) =
+            all.into_iter().find(|(length, border)| params(&own, *length, *border) == choice.params).expect("one of them");
+        let mut question = Question::new(&subject, probes, directions, places.clone()).expect("it was planned before");
+        let (candidate, predicted) = question.asked(length, border).expect("it was planned before");
+        let (n, end) = (probes.n_held_back(), probes.lights.len());
+        let name = &scene.objects[object].name;
+        println!("{name}: edge length x{}, unrest {}, {} points expected", LENGTHS[length], BORDERS[border], candidate.points);
+        let both = |sums: &Sums| format!("steering {:.4}, held back {:.4}", sums.judged(n..end), sums.judged(0..n));
+        println!("  predicted: {}\n  baked:     {}\n  at points: {}", both(&predicted), both(&error.sums), both(&at_points));
+        for (i, light) in probes.lights.iter().enumerate() {
+            let [a, b, c] = [&predicted, &error.sums, &at_points].map(|sums| sums.under(i..i + 1));
+            println!("  {:36} predicted {a:.4} baked {b:.4} at points {c:.4}", light.name);
+        }
+        let (near, _) = question.around(length, border).expect("it was planned before");
+        let mut order: Vec<usize> = (0..n).collect();
+        order.sort_by(|a, b| error.sums.under(*b..*b + 1).total_cmp(&error.sums.under(*a..*a + 1)));
+        for light in order.into_iter().take(LISTED[0]) {
+            println!("  under {}, of {:.4}:", probes.lights[light].name, error.sums.truth[light]);
+            let one = |place: usize| (measure_planned(&near, &places.alone(place), probes, &tracing), place);
+            let mut each: Vec<(Sums, usize)> = (0..places.len()).map(one).collect();
+            each.sort_by(|a, b| b.0.difference[light].total_cmp(&a.0.difference[light]));
+            for (sums, place) in each.iter().take(LISTED[1]) {
+                let (at, normal) = places.at(*place);
+                println!("    {:.5} of {:.5} at {at:.4?} facing {normal:.2?}", sums.difference[light], sums.truth[light]);
+            }
+        }
+    }
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let value = |name: &str| arguments.iter().position(|argument| argument == name).map(|at| arguments[at + 1].as_str());
+    let input = SceneInput::open(Path::new(arguments.first().expect("name a scene"))).expect("the scene opens");
+    let loaded = input.load(MEMORY).expect("the scene loads");
+    let (scene, world) = (&loaded.scene, World::build(&loaded.scene));
+    let mut settings =
+        Settings::resolve(&Counts::default(), &input.manifest, &loaded.knobs, scene, &world, None, MEMORY).expect("the knobs are right");
+    let options = OccluderOptions { quality: settings.options.tree, ..OccluderOptions::default() };
+    let occluders = Occluders::build(&world, &scene.textures, options);
+    if let Some(budgets) = value("--contest") {
+        let faces = value("--faces").map_or(64, |faces| faces.parse().expect("a face resolution"));
+        return Experiment { scene, world: &world, occluders: &occluders, settings: &settings }.contest(budgets, faces);
+    }
+    settings.meet_budgets(scene, &world, &Silent).expect("the scene can be planned");
+    let mut probes = Probes::held_back(settings.options.face_resolution);
+    probes.extend(Probes::steering(settings.options.face_resolution));
+    let probes = Arc::new(probes);
+    settings.options.rebake.measure = Some(probes.clone());
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let store = Store::open_or_create(folder.path()).expect("a new store");
+    let baked = bake(scene, &settings.options, &store, &Silent).expect("the scene bakes");
+    println!("{} points", baked.stats.points_made);
+    let experiment = Experiment { scene, world: &world, occluders: &occluders, settings: &settings };
+    for choice in &settings.choices {
+        let error = baked.stats.errors.iter().find(|error| error.object == choice.object).expect("all are measured");
+        experiment.compare(choice, error, &probes);
+    }
+}
