@@ -75,7 +75,7 @@ pub enum BakeError {
         points: prelight_manifests::Digest,
     },
     /// The user asked to stop.
-    #[error("interrupted\n  help: run the same command again: what is done stays, the rest follows")]
+    #[error("interrupted\n  help: run the same command again: what is done stays, the rest resumes")]
     Cancelled,
 }
 

@@ -96,7 +96,7 @@ pub fn run(args: BakeArgs, context: &Context) -> Result<Summary, Failure> {
 /// A bake that the deadline stopped, and not the user, is baked in part.
 pub fn late(failure: Failure, context: &Context) -> Failure {
     if failure.code == ExitCode::Interrupted && context.reporter.is_late() && !super::interrupt::requested() {
-        let text = "the deadline has come\n  help: run the same command again: what is done stays, the rest follows";
+        let text = "the deadline has come\n  help: run the same command again: what is done stays, the rest resumes";
         return Failure::text(ExitCode::Partly, text);
     }
     failure

@@ -172,7 +172,7 @@ fn summary(jobs: &[Job], outcomes: &[Outcome], start: Instant, context: &Context
     }
     if left > 0 {
         let names = names(|outcome| matches!(outcome, Outcome::Stopped | Outcome::NotBegun));
-        text += &format!("; left when the deadline came: {names}\nrun the same command again: what is done stays, the rest follows");
+        text += &format!("; left when the deadline came: {names}\nrun the same command again: what is done stays, the rest resumes");
     }
     let mut summary = Summary::new();
     summary.set(what, baked).set("failed", failed).set("left", left).set("seconds.total", start.elapsed().as_secs_f64());
