@@ -15,7 +15,7 @@ use crate::plan::shaft::OriginBoxes;
 use crate::plan::surface::point_surfaces;
 use crate::plan::{ObjectPlan, PointParams};
 use crate::refine::border::{Breaks, Seen};
-use crate::refine::edge::EdgeTable;
+use crate::refine::edge::Answers;
 use crate::refine::split_differing;
 use crate::refine::visibility_difference::{OpenBits, is_same};
 use crate::scene::Scene;
@@ -217,7 +217,7 @@ impl ObjectWork {
         let baker = transfer.zip(options.transfer_of(self.plan.object));
         let indirect = baker.map(|(baker, own)| baker.differing(&self.plan, patches_lit, normal, own));
         let mut recall = self.known.as_deref().filter(|_| !params.coarser).map(|known| Recall::new(self, known));
-        let asked = RefCell::new(EdgeTable::default());
+        let answers = Answers::default();
         let (plan, differing) = loop {
             let found = RefCell::new(Vec::new());
             let differs = |a: u32, b: u32| {
@@ -225,13 +225,7 @@ impl ObjectWork {
                     return false;
                 }
                 let lobes = || !is_buried(a) && !is_buried(b) && indirect.as_ref().is_some_and(|differs| differs(a, b));
-                // Most edges have two triangles, and each asks.
-                let ask = || {
-                    let known = asked.borrow().get(a, b);
-                    let answer = known.unwrap_or_else(|| u32::from(direct(a, b) || lobes()));
-                    asked.borrow_mut().get_or_insert(a, b, answer);
-                    answer == 1
-                };
+                let ask = || answers.ask(a, b, || direct(a, b) || lobes());
                 let answer = match &recall {
                     Some(recall) => recall.answer([a, b], ask),
                     None => ask(),

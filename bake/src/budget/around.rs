@@ -20,7 +20,7 @@ use crate::plan::origin::area_normal;
 use crate::plan::params::PlanError;
 use crate::plan::{ObjectPlan, PointParams};
 use crate::refine::border::{Breaks, Seen};
-use crate::refine::edge::EdgeTable;
+use crate::refine::edge::Answers;
 use crate::refine::{Refined, RefinedTriangle, split_differing};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -64,15 +64,10 @@ pub(super) fn refine_around(
     let around = Neighbourhood::new(places, NEIGHBOURHOOD * f64::from(params.edge_length));
     let before = near.n_points();
     // Each round asks again of what is left, and points keep their numbers.
-    let answers = RefCell::new(EdgeTable::default());
+    let answers = Answers::default();
     for _ in 0..MAX_ROUNDS {
         let is_near = |i: u32| around.holds(near.position[i as usize]);
-        let ask = |a: u32, b: u32| {
-            let known = answers.borrow().get(a, b);
-            let answer = known.unwrap_or_else(|| u32::from(is_near(a) && is_near(b) && differ(&near, a, b)));
-            answers.borrow_mut().get_or_insert(a, b, answer);
-            answer == 1
-        };
+        let ask = |a: u32, b: u32| answers.ask(a, b, || is_near(a) && is_near(b) && differ(&near, a, b));
         let Some(next) = near.without_leaking_stands(params, &ask) else { break };
         near = next;
     }

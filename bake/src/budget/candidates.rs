@@ -121,12 +121,11 @@ impl<'a> Question<'a> {
     /// An object that cannot be planned.
     pub fn new(subject: &Subject<'a>, probes: &'a Probes, directions: Directions, places: Places) -> Result<Self, BakeError> {
         let Subject { scene, world, occluders, solids, object, own } = *subject;
-        let own = &own;
-        let coarsest = plan_object(scene, world, object, &params(own, 0, 0))?;
+        let coarsest = plan_object(scene, world, object, &params(&own, 0, 0))?;
         let tracing = Tracing::new(occluders, probes, solids, own.edge_length, directions);
-        let own_points = count_object(&coarsest.base, own, u64::MAX).points;
+        let own_points = count_object(&coarsest.base, &own, u64::MAX).points;
         let plans = std::array::from_fn(|length| [(length == 0).then(|| coarsest.clone()), None]);
-        Ok(Question { scene, world, object, own: *own, probes, places, tracing, own_points, plans })
+        Ok(Question { scene, world, object, own, probes, places, tracing, own_points, plans })
     }
 
     /// Whether a budget may ask for an edge length.
@@ -178,6 +177,7 @@ impl<'a> Question<'a> {
         let sums = measure_planned(&near, &self.places, self.probes, &self.tracing);
         Ok((Candidate { length, border, params, points, predicted: sums.judged(0..sums.truth.len()) }, sums))
     }
+
     /// The candidate's plan where places are, refined as a bake does it, and the points that all of it is expected to have.
     ///
     /// # Errors

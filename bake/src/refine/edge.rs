@@ -2,6 +2,7 @@
 
 use crate::plan::PointParams;
 use crate::plan::weld::{narrow, wide};
+use std::cell::RefCell;
 
 /// An end of an edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -128,6 +129,22 @@ impl EdgeTable {
     }
 }
 
+/// Answers about pairs of points: most edges have two triangles, and each asks.
+#[derive(Debug, Default)]
+pub struct Answers(RefCell<EdgeTable>);
+
+impl Answers {
+    /// The answer about a pair, by `ask` the first time.
+    pub fn ask(&self, a: u32, b: u32, ask: impl FnOnce() -> bool) -> bool {
+        let known = self.0.borrow().get(a, b);
+        let first = || {
+            let answer = u32::from(ask());
+            self.0.borrow_mut().get_or_insert(a, b, answer).0
+        };
+        known.unwrap_or_else(first) == 1
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -165,6 +182,21 @@ mod tests {
         let tiny = EdgeRule::new(&params.with_edge_length(1e-9));
         let next = f32::from_bits(1000f32.to_bits() + 1);
         assert!(!tiny.splits(end(1000.0, normal), end(next, normal)), "neighbours in f32 have no midpoint");
+    }
+
+    #[test]
+    fn every_pair_is_asked_about_once() {
+        let (answers, n_asked) = (Answers::default(), std::cell::Cell::new(0));
+        let ask = |a: u32, b: u32| {
+            answers.ask(a, b, || {
+                n_asked.set(n_asked.get() + 1);
+                (a + b).is_multiple_of(3)
+            })
+        };
+        for (a, b) in [(1, 2), (2, 1), (1, 3), (1, 2), (3, 1), (0, 3)] {
+            assert_eq!(ask(a, b), (a + b).is_multiple_of(3), "{a} {b}");
+        }
+        assert_eq!(n_asked.get(), 3);
     }
 
     #[test]
