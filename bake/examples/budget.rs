@@ -7,9 +7,9 @@
 //! ```
 
 use prelight_bake::bake::bake;
-use prelight_bake::budget::candidates::{BORDERS, LENGTHS, Question, Subject, params};
+use prelight_bake::budget::candidates::{BORDERS, LENGTHS, Question, Subject, rungs};
 use prelight_bake::budget::knapsack::{candidates, contest};
-use prelight_bake::budget::{Choice, Directions, ObjectError, Probes, Sums, Tracing, measure_planned};
+use prelight_bake::budget::{Choice, Directions, Drawn, ObjectError, Probes, Sums, Tracing, measure_planned};
 use prelight_bake::plan::buried::BuriedProbe;
 use prelight_bake::plan::counts::Counts;
 use prelight_bake::progress::Silent;
@@ -20,6 +20,7 @@ use prelight_bake::settings::Settings;
 use prelight_bake::trace::{OccluderOptions, Occluders};
 use prelight_manifests::quality::Shades;
 use prelight_store::Store;
+use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -46,6 +47,27 @@ impl Experiment<'_> {
         }
     }
 
+    /// Errors of what was chosen under every light, at the places that steered and at others: one line of JSON.
+    fn agreement(&self, choice: &Choice) -> String {
+        let Experiment { scene, world, occluders, settings } = *self;
+        let directions = Directions { face_resolution: settings.options.face_resolution, shades: settings.options.visibility };
+        let mut probes = Probes::held_back(directions.face_resolution);
+        let n = probes.lights.len();
+        probes.extend(Probes::steering(directions.face_resolution));
+        let (solids, own) = (BuriedProbe::new(scene, world), settings.unbudgeted[choice.object]);
+        let subject = Subject { scene, world, occluders, solids: &solids, object: choice.object, own };
+        let (length, border) = rungs(&own, &choice.params).expect("one of them");
+        let [same, other] = [Drawn::Steering, Drawn::HeldBack].map(|drawn| {
+            let mut question = Question::new(&subject, &probes, directions, subject.places(&probes, drawn)).expect("it was planned before");
+            let sums = question.asked(length, border).expect("it was planned before").1;
+            (0..probes.lights.len()).map(|i| sums.under(i..i + 1)).collect::<Vec<f64>>()
+        });
+        serde_json::json!({ "object": scene.objects[choice.object].name, "budget": choice.budget, "declared": choice.is_declared,
+            "points": choice.points, "predicted": choice.predicted, "held_back": n, "same": same, "other": other,
+            "lights": probes.lights.iter().map(|light| light.name.clone()).collect::<Vec<_>>() })
+        .to_string()
+    }
+
     /// What was predicted for an object beside what was reached.
     fn compare(&self, choice: &Choice, error: &ObjectError, probes: &Probes) {
         let Experiment { scene, world, occluders, settings } = *self;
@@ -53,12 +75,10 @@ impl Experiment<'_> {
         let directions = Directions { face_resolution: settings.options.face_resolution, shades: settings.options.visibility };
         let own = settings.unbudgeted[object];
         let subject = Subject { scene, world, occluders, solids: &solids, object, own };
-        let places = subject.places(probes);
+        let places = subject.places(probes, Drawn::HeldBack);
         let tracing = Tracing::new(occluders, probes, &solids, own.edge_length, directions);
         let at_points = places.point_error(&tracing);
-        let all = (0..LENGTHS.len()).flat_map(|length| (0..BORDERS.len()).map(move |border| (length, border)));
-        let (length, border) =
-            all.into_iter().find(|(length, border)| params(&own, *length, *border) == choice.params).expect("one of them");
+        let (length, border) = rungs(&own, &choice.params).expect("one of them");
         let mut question = Question::new(&subject, probes, directions, places.clone()).expect("it was planned before");
         let (candidate, predicted) = question.asked(length, border).expect("it was planned before");
         let (n, end) = (probes.n_held_back(), probes.lights.len());
@@ -101,6 +121,12 @@ fn main() {
         return Experiment { scene, world: &world, occluders: &occluders, settings: &settings }.contest(budgets, faces);
     }
     settings.meet_budgets(scene, &world, &Silent).expect("the scene can be planned");
+    if arguments.iter().any(|argument| argument == "--agree") {
+        let experiment = Experiment { scene, world: &world, occluders: &occluders, settings: &settings };
+        let lines: Vec<String> = settings.choices.par_iter().with_max_len(1).map(|choice| experiment.agreement(choice)).collect();
+        lines.iter().for_each(|line| println!("{line}"));
+        return;
+    }
     let mut probes = Probes::held_back(settings.options.face_resolution);
     probes.extend(Probes::steering(settings.options.face_resolution));
     let probes = Arc::new(probes);

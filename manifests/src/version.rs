@@ -5,6 +5,6 @@ pub const SCENE_FORMAT: u32 = 1;
 /// `format` of an asset manifest.
 pub const ASSET_FORMAT: u32 = 1;
 /// Version of everything that decides bits in a bake: points, origins, predicate, keys, probes. Part of every key.
-pub const ALGORITHM_VERSION: u32 = 4;
+pub const ALGORITHM_VERSION: u32 = 5;
 /// Version of the event lines of `--json`.
 pub const EVENT_VERSION: u32 = 1;

@@ -3,7 +3,7 @@
 use super::MAX_ROUNDS;
 use super::options::BakeOptions;
 use super::stats::BakeStats;
-use crate::budget::{ObjectError, PLACES, Places, Probes, measure_baked};
+use crate::budget::{Drawn, ObjectError, PLACES, Places, Probes, measure_baked};
 use crate::engine::light::{LightPatch, LightRecord, PatchReach};
 use crate::engine::object::{KnownLight, ObjectChunks, ObjectCounts, raster};
 use crate::engine::threads::{PatchTask, Tracer};
@@ -159,7 +159,7 @@ impl ObjectWork {
     ) -> Result<ObjectError, BakeError> {
         let patches: Vec<Visibility> = self.visibility.iter().map(|(_, chunk)| Visibility::from_chunk(chunk)).collect::<Result<_, _>>()?;
         let edge_length = options.points[self.plan.object as usize].edge_length;
-        let places = Places::new(&self.plan.base, world, occluders, solids, edge_length, probes, PLACES);
+        let places = Places::new(&self.plan.base, world, occluders, solids, edge_length, probes, PLACES, Drawn::HeldBack);
         let (sums, grid) = (measure_baked(&self.plan, &patches, &places, probes), places.grid_error(occluders, probes));
         Ok(ObjectError { object: self.plan.object as usize, sums, grid })
     }

@@ -1,8 +1,8 @@
 //! Candidates of an object: an edge length, and how far the borders of shadows are refined on top of it.
 //!
 //! ```text
-//! edge length   8, 4, 2, 1, ½ times what the object has without a budget; ¼, 1/8, 1/16 where the mesh is so fine that half of it still has
-//!               fewer points than the object has without a budget
+//! edge length   8, 4, 2, 1, ½ times what the object has without a budget; ¼, 1/8, 1/16, 1/32 where the object is small or its mesh so fine that
+//!               the edge length before still gives few points
 //! most unrest   none, 4, 1, ¼, 2⁻⁴, 2⁻⁶ of that edge length squared, m²·sr; edges are split down to 1/32 of it   (crate::refine::border)
 //! ```
 //!
@@ -11,7 +11,7 @@
 use super::around::refine_around;
 use super::directions::Directions;
 use super::measure::{Sums, measure_planned};
-use super::places::Places;
+use super::places::{Drawn, Places};
 use super::probes::Probes;
 use super::traced::Tracing;
 use crate::error::BakeError;
@@ -24,21 +24,21 @@ use crate::scene::world::World;
 use crate::trace::Occluders;
 
 /// Places of an object at which a candidate is judged.
-pub const PLACES: usize = 160;
+pub const PLACES: usize = 640;
 /// Edge lengths, as shares of the one that the object would have without a budget.
-pub const LENGTHS: [f32; 8] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625];
+pub const LENGTHS: [f32; 9] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125];
 /// As many of them any object may be asked for.
 const FREE_LENGTHS: usize = 5;
 /// The others where the one before them has fewer points than the object has without a budget, or than this: a small object may be as fine as its
 /// budget needs, whatever its edge length.
-const LEAST_POINTS: u64 = 4096;
+const LEAST_POINTS: u64 = 8192;
 /// Unrest that borders keep, in units of that edge length squared.
 pub const BORDERS: [f32; 8] = [f32::INFINITY, 4.0, 1.0, 0.25, 1.0 / 16.0, 1.0 / 64.0, 1.0 / 256.0, 1.0 / 1024.0];
 /// Shortest edge at a border, in units of that edge length.
 const FINEST: f32 = 1.0 / 32.0;
 /// The same in units of a candidate's own edges, where that is shorter.
 const SHORTEST: f32 = 1.0 / 8.0;
-/// A candidate is taken only if it stays below this share of the budget: places are few, and other suns throw their borders elsewhere.
+/// A candidate is taken only if it is expected to stay below this share of the budget: other suns throw their borders elsewhere.
 pub const MARGIN: f64 = 0.75;
 
 /// One candidate of an object.
@@ -52,7 +52,7 @@ pub struct Candidate {
     pub params: PointParams,
     /// Points that it is expected to have.
     pub points: u64,
-    /// Error on the probes that steer ([`Sums::judged`]).
+    /// Error to be expected, from the probes that steer ([`Sums::expected`]).
     pub predicted: f64,
 }
 
@@ -72,6 +72,12 @@ pub fn params(own: &PointParams, length: usize, border: usize) -> PointParams {
     // In units of this candidate's own edges; short ones may be divided as well.
     let area_floor = at_length.area_floor.min(FINEST / LENGTHS[length]).min(SHORTEST);
     PointParams { area_floor, most_unrest: BORDERS[border] * own.edge_length * own.edge_length, ..at_length }
+}
+
+/// Which edge length and border give some parameters, if any.
+pub fn rungs(own: &PointParams, of: &PointParams) -> Option<(usize, usize)> {
+    let mut all = (0..LENGTHS.len()).flat_map(|length| (0..BORDERS.len()).map(move |border| (length, border)));
+    all.find(|(length, border)| params(own, *length, *border) == *of)
 }
 
 /// An object whose candidates are asked for: what they share is found once.
@@ -107,10 +113,10 @@ pub struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    /// Where candidates of the object are judged, and what is true there.
-    pub fn places(&self, probes: &Probes) -> Places {
+    /// Where the object is judged, and what is true there.
+    pub fn places(&self, probes: &Probes, drawn: Drawn) -> Places {
         let base = BaseMesh::build(self.scene, self.world, self.object);
-        Places::new(&base, self.world, self.occluders, self.solids, self.own.edge_length, probes, PLACES)
+        Places::new(&base, self.world, self.occluders, self.solids, self.own.edge_length, probes, PLACES, drawn)
     }
 }
 
@@ -175,7 +181,7 @@ impl<'a> Question<'a> {
         let (near, points) = self.around(length, border)?;
         let params = params(&self.own, length, border);
         let sums = measure_planned(&near, &self.places, self.probes, &self.tracing);
-        Ok((Candidate { length, border, params, points, predicted: sums.judged(0..sums.truth.len()) }, sums))
+        Ok((Candidate { length, border, params, points, predicted: sums.expected(0..sums.truth.len()) }, sums))
     }
 
     /// The candidate's plan where places are, refined as a bake does it, and the points that all of it is expected to have.

@@ -2,6 +2,7 @@
 
 use super::candidates::{BORDERS, Candidate, LENGTHS, Question, Subject};
 use super::directions::{Asked, Directions, enough, least};
+use super::places::Drawn;
 use super::probes::Probes;
 use crate::error::BakeError;
 use crate::plan::PointParams;
@@ -63,7 +64,8 @@ pub fn choose(
     let stage = Stage::begin(progress, "directions", Some(wanted.len() as u64), "objects");
     let asked = |&(object, budget): &(usize, f64)| {
         check(progress)?;
-        let asked = Asked { budget, edge_length: params[object].edge_length, places: subject(object).places(&all_probes[0]) };
+        let asked =
+            Asked { budget, edge_length: params[object].edge_length, places: subject(object).places(&all_probes[0], Drawn::Steering) };
         let found = if allowed.len() > 1 { enough(&asked, allowed, &all_probes, occluders, &solids) } else { 0 };
         stage.advance(1);
         Ok((asked, found))

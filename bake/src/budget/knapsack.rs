@@ -11,6 +11,7 @@
 
 use super::candidates::{BORDERS, Candidate, LENGTHS, Question, Subject};
 use super::directions::Directions;
+use super::places::Drawn;
 use super::probes::Probes;
 use crate::error::BakeError;
 use crate::plan::PointParams;
@@ -64,7 +65,7 @@ pub fn candidates(
     let stage = Stage::begin(progress, "candidates", Some(scene.objects.len() as u64), "objects");
     let object = |object: usize| {
         let subject = Subject { scene, world, occluders, solids: &solids, object, own: params[object] };
-        let mut question = Question::new(&subject, &probes, directions, subject.places(&probes))?;
+        let mut question = Question::new(&subject, &probes, directions, subject.places(&probes, Drawn::Steering))?;
         let mut all: Vec<Candidate> = Vec::new();
         for length in 0..LENGTHS.len() {
             let is_allowed = question.allows(length)?;

@@ -1,8 +1,8 @@
 //! Places at which an object's error is measured, and the light that is truly there.
 //!
-//! Strata of equal area over the base triangles, one place in each, drawn by the object's name: every candidate and the finished bake are measured
-//! at the same places, so that their figures differ by what they show alone. *True* is the sum over 128² texels, each as far open as 8×8 rays from
-//! the place itself find it.
+//! Strata of equal area over the base triangles, one place in each, drawn by the object's name: all candidates are judged at the same places, so that
+//! their figures differ by what they show alone; the finished bake at others, which chose nothing ([`Drawn`]). *True* is the sum over 128² texels,
+//! each as far open as 8×8 rays from the place itself find it.
 
 use super::directions::Work;
 use super::lit::{Detail, Irradiance, seen, shown};
@@ -19,6 +19,15 @@ use prelight_runtime::block_product::visibility::{Visibility, open_words};
 
 /// Of so many places one is held against finer directions: each takes as long as thirty points.
 const GRID_STRIDE: usize = 12;
+
+/// Which of two independent draws.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drawn {
+    /// For what candidates are judged by.
+    Steering,
+    /// For what finished bakes are judged by.
+    HeldBack,
+}
 
 /// One place.
 #[derive(Clone, Debug)]
@@ -57,6 +66,7 @@ impl Places {
         edge_length: f32,
         probes: &Probes,
         n: usize,
+        drawn: Drawn,
     ) -> Self {
         let mut area = 0.0;
         let twice = |id: u32| area_normal(&world.positions[id as usize]).length();
@@ -71,7 +81,7 @@ impl Places {
         }
         // By name: an object that is added before this one does not move its places.
         let seed = blake3::hash(base.name.as_bytes());
-        let seed = u64::from_le_bytes(std::array::from_fn(|i| seed.as_bytes()[i]));
+        let seed = u64::from_le_bytes(std::array::from_fn(|i| seed.as_bytes()[8 * drawn as usize + i]));
         let (mut scratch, mut open, mut parts) = (Scratch::default(), vec![0; open_words(TRUE_RESOLUTION)], Vec::new());
         let place = |place: usize| {
             let random = |dimension: u64| unit(seed, place as u64, dimension);

@@ -46,7 +46,7 @@ impl Sizes {
     /// For tests: seconds.
     pub const REDUCED: Sizes = Sizes { frames: 5, size: [64, 36], samples: 64, sweep: 48, drift: 2_000 };
     /// For the page: minutes.
-    pub const FULL: Sizes = Sizes { frames: 200, size: [96, 54], samples: 64, sweep: 720, drift: 100_000 };
+    pub const FULL: Sizes = Sizes { frames: 200, size: [192, 108], samples: 32, sweep: 720, drift: 100_000 };
 }
 
 /// A figure of a mode and the most that it may be.
@@ -178,8 +178,8 @@ const fn sequence(p999: f64, max: f64, jump: f64) -> [Limit; 3] {
 }
 
 const SLOW: &[Limit] = &sequence(12.0, 40.0, 3.0);
-const FAST: &[Limit] = &sequence(40.0, 90.0, 3.0);
-const ORBIT: &[Limit] = &sequence(16.0, 40.0, 3.0);
+const FAST: &[Limit] = &sequence(55.0, 170.0, 3.0);
+const ORBIT: &[Limit] = &sequence(18.0, 55.0, 3.0);
 
 /// Every mode.
 pub const MODES: &[Mode] = &[
@@ -213,7 +213,7 @@ pub const MODES: &[Mode] = &[
             limit("block_product 0.1, of 255", 0.1),
             limit("haar_triple 10 %, of 255", 0.5),
             limit("haar_triple 1 %, of 255", 3.0),
-            limit("sh_product 25, of 255", 0.5),
+            limit("sh_product 25, of 255", 20.0),
         ],
         run: temporal::techniques,
     },

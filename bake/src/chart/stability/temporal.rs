@@ -88,8 +88,10 @@ pub(super) fn pictures(bench: &Bench, environment: &Environment, motion: Motion,
             let change = |now: &[[f32; 3]], before: &[[f32; 3]]| -> Vec<[f32; 3]> {
                 now.iter().zip(before).map(|(now, before)| std::array::from_fn(|c| now[c] - before[c])).collect()
             };
-            let error = steps(&change(&now.0, &before), &change(&now.1, &true_before));
-            let inside: Vec<f32> = (0..error.len()).filter(|i| now.2[*i] && mask_before[*i]).map(|i| error[i]).collect();
+            let mut error = steps(&change(&now.0, &before), &change(&now.1, &true_before));
+            let is_inside = |i: usize| now.2[i] && mask_before[i];
+            let inside: Vec<f32> = (0..error.len()).filter(|i| is_inside(*i)).map(|i| error[i]).collect();
+            (0..error.len()).filter(|i| !is_inside(*i)).for_each(|i| error[i] = 0.0);
             let p999 = temporal(inside.clone()).map_or(0.0, |[p999, _]| p999);
             if worst.as_ref().is_none_or(|(most, _)| p999 > *most) {
                 worst = Some((p999, [thumbnail(&ours.image, exposure)?, error_picture(&error, bench.sizes.size)?]));
