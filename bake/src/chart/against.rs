@@ -5,7 +5,7 @@
 //! of the same code, so they count from [`WORSE`] on.
 
 use super::motion::Motion;
-use super::row::{CONTEXT, Row, fields};
+use super::row::{CONTEXT, Row, fields, significant};
 use serde::Serialize;
 use std::collections::HashMap;
 
@@ -113,8 +113,9 @@ impl Against {
             let [environment, view, motion, technique, budget] = &d.row;
             let (column, percent) = (d.column.replace('_', " "), 100.0 * (d.now / d.before - 1.0));
             format!(
-                "{word}: {technique} {budget}, {environment}, {view}, {motion}: {column} {:.4} -> {:.4} ({percent:+.0} %)",
-                d.before, d.now
+                "{word}: {technique} {budget}, {environment}, {view}, {motion}: {column} {} -> {} ({percent:+.0} %)",
+                significant(d.before),
+                significant(d.now)
             )
         };
         let mut lines: Vec<String> = self.differences.iter().take(listed).map(one).collect();
