@@ -38,8 +38,8 @@ struct Experiment<'a> {
 impl Experiment<'_> {
     /// The planner and one setting for all.
     fn contest(&self, budgets: &str, face_resolution: u32) {
-        let directions = Directions { face_resolution, shades: Shades::Binary };
-        let all = candidates(self.scene, self.world, self.occluders, &self.settings.unbudgeted, directions, &Silent)
+        let shades = vec![Shades::Binary; self.scene.objects.len()];
+        let all = candidates(self.scene, self.world, self.occluders, &self.settings.unbudgeted, face_resolution, &shades, &Silent)
             .expect("the scene can be planned");
         for budget in budgets.split(',').map(|budget| budget.parse().expect("budgets are numbers")) {
             let of = contest(&all, budget);
@@ -50,7 +50,8 @@ impl Experiment<'_> {
     /// Errors of what was chosen under every light, at the places that steered and at others: one line of JSON.
     fn agreement(&self, choice: &Choice) -> String {
         let Experiment { scene, world, occluders, settings } = *self;
-        let directions = Directions { face_resolution: settings.options.face_resolution, shades: settings.options.visibility };
+        let directions =
+            Directions { face_resolution: settings.options.face_resolution, shades: settings.options.visibility[choice.object] };
         let mut probes = Probes::held_back(directions.face_resolution);
         let n = probes.lights.len();
         probes.extend(Probes::steering(directions.face_resolution));
@@ -72,7 +73,7 @@ impl Experiment<'_> {
     fn compare(&self, choice: &Choice, error: &ObjectError, probes: &Probes) {
         let Experiment { scene, world, occluders, settings } = *self;
         let (solids, object) = (BuriedProbe::new(scene, world), choice.object);
-        let directions = Directions { face_resolution: settings.options.face_resolution, shades: settings.options.visibility };
+        let directions = Directions { face_resolution: settings.options.face_resolution, shades: choice.shades };
         let own = settings.unbudgeted[object];
         let subject = Subject { scene, world, occluders, solids: &solids, object, own };
         let places = subject.places(probes, Drawn::HeldBack);

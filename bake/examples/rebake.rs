@@ -175,7 +175,7 @@ fn time_keys(scene: &Scene, options: &BakeOptions, store: &Store) -> (f64, u64) 
     let world = World::build(scene);
     let pieces = Pieces::build(scene, &world, &layers(scene, &world, &[]), MAX_LAYERS);
     let nothing = Occluders::default();
-    let of = Shadowing { pieces: &pieces, occluders: &nothing, face_resolution: options.face_resolution, shades: options.visibility };
+    let of = Shadowing { pieces: &pieces, occluders: &nothing, face_resolution: options.face_resolution, shades: &options.visibility };
     println!("{} pieces of {} triangles", pieces.pieces.len(), world.positions.len());
     let (mut seconds, mut points) = (0.0, 0);
     for object in 0..scene.objects.len() {

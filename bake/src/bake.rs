@@ -143,7 +143,7 @@ pub fn bake_with_previews(
                 pieces: &pieces,
                 occluders: &occluders,
                 face_resolution: options.face_resolution,
-                shades: options.visibility,
+                shades: &options.visibility,
             },
             probe: BuriedProbe::new(scene, world),
             names: &names,

@@ -15,7 +15,7 @@ use crate::scene::overrides::ObjectKnobs;
 use crate::scene::world::World;
 use crate::trace::{OccluderOptions, Occluders, TreeQuality};
 use crate::vmf_transfer::transfer::{MOST_PATHS, TransferOptions};
-use prelight_manifests::quality::{BvhBuild, Quality};
+use prelight_manifests::quality::{BvhBuild, Quality, Shades};
 use prelight_manifests::{SceneManifest, Technique};
 
 /// Everything resolved.
@@ -35,6 +35,8 @@ pub struct Settings {
     pub unbudgeted: Vec<PointParams>,
     /// Directions that a budget may choose from: what the scene pins, or all of [`Directions::LADDER`].
     pub directions: Vec<Directions>,
+    /// `[objects]` shades that scene.toml or the command line asks for by name, where it does: no budget changes them.
+    pub pinned: Vec<Option<Shades>>,
     /// What the budgets chose; empty before [`Settings::meet_budgets`] and where there are none.
     pub choices: Vec<Choice>,
 }
@@ -78,7 +80,7 @@ impl Settings {
         let options = BakeOptions {
             points: objects.iter().map(own).collect(),
             face_resolution: knobs.face_resolution,
-            visibility: knobs.visibility,
+            visibility: objects.iter().map(|object| object.knobs.visibility).collect(),
             tree,
             transfer: objects.iter().map(|object| transfer(object, manifest.bake.quality)).collect(),
             bounces: manifest.bake.bounces.unwrap_or(1),
@@ -97,12 +99,13 @@ impl Settings {
         let mut directions: Vec<Directions> = Directions::LADDER.iter().filter(is_allowed).copied().collect();
         // Shades that the ladder has not, or indirect light, whose lobes were baked and fitted at the preset's directions.
         if directions.is_empty() || options.transfer.iter().any(Option::is_some) {
-            directions = vec![Directions { face_resolution: options.face_resolution, shades: options.visibility }];
+            directions = vec![Directions { face_resolution: options.face_resolution, shades: knobs.visibility }];
         }
-        Ok(Settings { options, edge_length, derived: pinned.is_none(), points, budgets, unbudgeted, directions, choices: Vec::new() })
+        let (derived, pinned) = (pinned.is_none(), objects.iter().map(|object| object.visibility).collect());
+        Ok(Settings { options, edge_length, derived, points, budgets, unbudgeted, directions, pinned, choices: Vec::new() })
     }
 
-    /// Chooses the edge length of every object that has a budget of error; does nothing where none has.
+    /// Chooses the points and shades of every object that has a budget of error; does nothing where none has.
     ///
     /// # Errors
     /// As [`choose`].
@@ -112,11 +115,13 @@ impl Settings {
         }
         let options = OccluderOptions { quality: self.options.tree, ..OccluderOptions::default() };
         let occluders = Occluders::build(world, &scene.textures, options);
-        let (directions, choices) = choose(scene, world, &occluders, &self.options.points, &self.budgets, &self.directions, progress)?;
+        let params = &self.options.points;
+        let (directions, choices) = choose(scene, world, &occluders, params, &self.budgets, &self.pinned, &self.directions, progress)?;
         self.choices = choices;
-        (self.options.face_resolution, self.options.visibility) = (directions.face_resolution, directions.shades);
+        self.options.face_resolution = directions.face_resolution;
         for choice in &self.choices {
             self.options.points[choice.object] = choice.params;
+            self.options.visibility[choice.object] = choice.shades;
             self.points[choice.object] = choice.points;
         }
         Ok(())

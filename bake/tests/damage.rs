@@ -12,7 +12,6 @@ use prelight_bake::progress::Silent;
 use prelight_bake::scene::{Mesh, Object, Scene};
 use prelight_bake::seal::seal;
 use prelight_bake::trace::TreeQuality;
-use prelight_manifests::quality::Shades;
 use prelight_manifests::{Digest, Quality};
 use prelight_runtime::surface::Material;
 use prelight_store::{CheckOptions, ChunkSource, Store};
@@ -39,7 +38,7 @@ fn options(scene: &Scene) -> BakeOptions {
     BakeOptions {
         points: vec![PointParams::new(&Quality::Draft.knobs(), 0.22); scene.objects.len()],
         face_resolution: 64,
-        visibility: Shades::Binary,
+        visibility: Vec::new(),
         tree: TreeQuality::Fast,
         memory: 1 << 30,
         transfer: Vec::new(),

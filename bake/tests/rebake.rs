@@ -82,7 +82,7 @@ fn options(scene: &Scene) -> BakeOptions {
     BakeOptions {
         points: vec![points; scene.objects.len()],
         face_resolution: 64,
-        visibility: Shades::Binary,
+        visibility: Vec::new(),
         tree: TreeQuality::Fast,
         memory: 1 << 30,
         transfer: Vec::new(),
@@ -103,23 +103,28 @@ fn clean(scene: &Scene, options: &BakeOptions) -> (tempfile::TempDir, Store, Bak
     (folder, store, baked)
 }
 
-/// Every key of the scene's base points with the name of the bits that it stands for.
-fn keys(scene: &Scene, options: &BakeOptions, store: &Store) -> Vec<([u8; 16], [u8; 16])> {
+/// A key of a tile, and the name of the bits that it stands for.
+type Row = ([u8; 16], [u8; 16]);
+
+/// Every key of the scene's base points.
+fn keys(scene: &Scene, options: &BakeOptions, store: &Store) -> Vec<Row> {
+    (0..scene.objects.len()).flat_map(|object| keys_of(scene, options, store, object)).collect()
+}
+
+/// Every key of an object's base points.
+fn keys_of(scene: &Scene, options: &BakeOptions, store: &Store, object: usize) -> Vec<Row> {
     let world = World::build(scene);
     let layer_of = layers(scene, &world, &options.rebake.layers);
     let pieces = Pieces::build(scene, &world, &layer_of, MAX_LAYERS);
     let occluders = Occluders::build_layers(&world, &scene.textures, OccluderOptions::default(), &layer_of, MAX_LAYERS);
-    let of = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: options.face_resolution, shades: options.visibility };
-    let mut keys = Vec::new();
-    for object in 0..scene.objects.len() {
-        let plan = plan_object(scene, &world, object, &options.points[object]).expect("this scene can be planned");
-        for patch in &plan.patches {
-            let found = candidates(store, &PatchInputs::new(&of, &plan, patch)).expect("the store can be read");
-            assert_eq!(found.len(), 1, "one record a patch in a clean store");
-            keys.extend(found[0].table.rows().iter().map(|row| (row.key, row.name)));
-        }
-    }
-    keys
+    let of = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: options.face_resolution, shades: &options.visibility };
+    let plan = plan_object(scene, &world, object, &options.points[object]).expect("this scene can be planned");
+    let rows = plan.patches.iter().flat_map(|patch| {
+        let mut found = candidates(store, &PatchInputs::new(&of, &plan, patch)).expect("the store can be read");
+        assert_eq!(found.len(), 1, "one record a patch in a clean store");
+        found.remove(0).table.rows().iter().map(|row| (row.key, row.name)).collect::<Vec<Row>>()
+    });
+    rows.collect()
 }
 
 /// Number of edits: `PRELIGHT_EDITS`, or a few.
@@ -175,11 +180,71 @@ fn after_random_edits_a_rebake_is_the_clean_bake_and_no_key_stands_for_two_resul
 fn after_random_edits_in_grayscale_a_rebake_is_the_clean_bake_and_no_key_stands_for_two_results() {
     // Samples cost 64 times as much as bits: the boxes' own vertices, and what leaks split, are points enough.
     let options_of = |scene: &Scene| {
-        let mut options = BakeOptions { visibility: Shades::Gray6, ..options(scene) };
+        let mut options = BakeOptions { visibility: vec![Shades::Gray6; scene.objects.len()], ..options(scene) };
         options.points.iter_mut().for_each(|params| *params = params.with_edge_length(4.0));
         options
     };
     edit_many(&options_of, n_edits(8), 11);
+}
+
+/// Tables and what was made of them in gray, the others in bits; samples cost 64 times as much, so gray ones have few points.
+fn mixed(scene: &Scene) -> BakeOptions {
+    let mut options = options(scene);
+    let is_gray = |object: &Object| object.name.starts_with("table");
+    options.visibility = scene.objects.iter().map(|object| if is_gray(object) { Shades::Gray6 } else { Shades::Binary }).collect();
+    let gray = options.points.iter_mut().zip(&scene.objects).filter(|(_, object)| is_gray(object));
+    gray.for_each(|(params, _)| *params = params.with_edge_length(4.0));
+    options
+}
+
+#[test]
+fn after_random_edits_of_a_scene_with_one_object_in_gray_a_rebake_is_the_clean_bake() {
+    edit_many(&mixed, n_edits(14), 5);
+}
+
+#[test]
+fn one_object_in_gray_leaves_keys_and_chunks_of_the_others_as_they_are() {
+    let scene = room();
+    let mixed = mixed(&scene);
+    let (binary, gray) = (
+        BakeOptions { visibility: Vec::new(), ..mixed.clone() },
+        BakeOptions { visibility: vec![Shades::Gray6; scene.objects.len()], ..mixed.clone() },
+    );
+    let only = |options: &BakeOptions, name: &str| {
+        let only = Some(scene.objects.iter().map(|object| object.name == name).collect());
+        BakeOptions { rebake: RebakeOptions { only, ..RebakeOptions::default() }, ..options.clone() }
+    };
+    let (_binary, of_binary, in_bits) = clean(&scene, &binary);
+    let (_mixed, of_mixed, in_both) = clean(&scene, &mixed);
+    let in_gray = clean(&scene, &only(&gray, "table")).2;
+    for (object, source) in scene.objects.iter().enumerate() {
+        let keys = |store: &Store, options: &BakeOptions| keys_of(&scene, options, store, object);
+        let (bits, both) = (&in_bits.content.objects[object], &in_both.content.objects[object]);
+        if source.name == "table" {
+            assert_eq!(*both, in_gray.content.objects[0]);
+            assert!(both.patches.iter().zip(&bits.patches).any(|(a, b)| a.visibility != b.visibility));
+            let (a, b) = (keys(&of_binary, &binary), keys(&of_mixed, &mixed));
+            assert!(a.iter().all(|(key, _)| b.iter().all(|(other, _)| key != other)), "shades are part of the key");
+        } else {
+            assert_eq!(both, bits, "{}", source.name);
+            assert_eq!(keys(&of_binary, &binary), keys(&of_mixed, &mixed), "{}", source.name);
+        }
+    }
+    // In the store of the binary bake only that object is worked on, and back again nothing.
+    let turned = bake_in(&scene, &mixed, &of_binary);
+    assert_eq!((turned.asset_digest, turned.stats.points_made), (in_both.asset_digest, u64::from(in_gray.content.objects[0].n_points)));
+    assert_eq!(turned.stats.tiles.redone, 0);
+    let stale = find_stale(&scene, &World::build(&scene), &mixed, &of_binary, &Silent).unwrap();
+    assert_eq!((stale.tiles, stale.live), (0, in_both.stats.tiles.live));
+    let back = bake_in(&scene, &binary, &of_binary);
+    assert_eq!((back.asset_digest, back.stats.points_made), (in_bits.asset_digest, 0));
+    let mut paranoid = mixed.clone();
+    paranoid.rebake.paranoid = Some(Paranoid { tiles: 96, seed: 3 });
+    assert_eq!(
+        bake_in(&scene, &paranoid, &of_binary).asset_digest,
+        in_both.asset_digest,
+        "every tile that was taken is what tracing gives"
+    );
 }
 
 #[test]
@@ -301,7 +366,7 @@ fn paranoia_finds_a_tile_that_is_not_what_its_key_promises() {
     let layer_of = layers(&scene, &world, &[]);
     let pieces = Pieces::build(&scene, &world, &layer_of, MAX_LAYERS);
     let occluders = Occluders::build_layers(&world, &scene.textures, OccluderOptions::default(), &layer_of, MAX_LAYERS);
-    let of = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: 64, shades: Shades::Binary };
+    let of = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution: 64, shades: &[] };
     let mut writer = lying.writer();
     let (mut chunks, mut lies) = (HashMap::new(), 0);
     for object in 0..scene.objects.len() {
@@ -333,7 +398,7 @@ fn patches_by_shafts_and_layers_have_the_bits_of_one_tree_and_one_origin_at_a_ti
     let one_tree = Occluders::build(&world, &scene.textures, OccluderOptions::default());
     let (mut bits, mut scratch, mut blocked) = (PatchBits::default(), Scratch::default(), 0);
     for face_resolution in [64u32, 128] {
-        let of = Shadowing { pieces: &pieces, occluders: &by_layers, face_resolution, shades: Shades::Binary };
+        let of = Shadowing { pieces: &pieces, occluders: &by_layers, face_resolution, shades: &[] };
         let n = face_resolution as usize;
         let mut expected = vec![0; 6 * n * n / 64];
         for object in 0..scene.objects.len() {
@@ -439,14 +504,14 @@ fn a_touched_object_keeps_the_patches_that_no_edit_reaches_and_what_they_saw_out
 #[test]
 fn grayscale_is_what_one_tree_samples_and_is_baked_again_like_bits() {
     let scene = room();
-    let gray = BakeOptions { visibility: Shades::Gray6, ..options(&scene) };
+    let gray = BakeOptions { visibility: vec![Shades::Gray6; scene.objects.len()], ..options(&scene) };
     let world = World::build(&scene);
     let layer_of = layers(&scene, &world, &[]);
     let pieces = Pieces::build(&scene, &world, &layer_of, MAX_LAYERS);
     let by_layers = Occluders::build_layers(&world, &scene.textures, OccluderOptions::default(), &layer_of, MAX_LAYERS);
     let one_tree = Occluders::build(&world, &scene.textures, OccluderOptions::default());
     let (mut bits, mut scratch, mut in_part) = (PatchBits::default(), Scratch::default(), 0);
-    let of = Shadowing { pieces: &pieces, occluders: &by_layers, face_resolution: 64, shades: Shades::Gray6 };
+    let of = Shadowing { pieces: &pieces, occluders: &by_layers, face_resolution: 64, shades: &gray.visibility };
     for object in 0..scene.objects.len() {
         let plan = plan_object(&scene, &world, object, &gray.points[object]).unwrap();
         for patch in &plan.patches {
@@ -480,7 +545,7 @@ fn grayscale_is_what_one_tree_samples_and_is_baked_again_like_bits() {
     }
     let (mut random, mut edited) = (Random(11), scene.clone());
     let said = edit_or_undo(&mut edited, &scene, &mut random);
-    let options = BakeOptions { visibility: Shades::Gray6, ..options(&edited) };
+    let options = BakeOptions { visibility: vec![Shades::Gray6; edited.objects.len()], ..options(&edited) };
     let rebaked = bake_in(&edited, &options, &store);
     let expected = clean(&edited, &options).2;
     assert_eq!(rebaked.asset_digest, expected.asset_digest, "{said}");

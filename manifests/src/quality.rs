@@ -76,6 +76,13 @@ impl Shades {
         Self::NAMES[self as usize]
     }
 
+    /// By the steps from closed to open of a chunk; `None`: binary.
+    pub fn of_steps(steps: Option<u32>) -> Option<Self> {
+        [Shades::Binary, Shades::Gray2, Shades::Gray4, Shades::Gray6, Shades::Gray8, Shades::Gray]
+            .into_iter()
+            .find(|all| all.steps() == steps)
+    }
+
     /// Steps from closed to open; `None` of binary.
     pub fn steps(self) -> Option<u32> {
         match self {
@@ -164,6 +171,7 @@ mod tests {
     fn shades_parse_back_and_agree_with_serde() {
         for name in Shades::NAMES {
             let shades = Shades::named(name).unwrap();
+            assert_eq!(Shades::of_steps(shades.steps()), Some(shades));
             assert_eq!((shades.name(), serde_json::to_value(shades).unwrap()), (name, name.into()));
         }
         assert_eq!(Shades::named("gray3"), None);

@@ -36,7 +36,8 @@ fn chosen(scene: &Scene, budget: f64) -> Vec<Choice> {
     let world = World::build(scene);
     let occluders = Occluders::build(&world, &scene.textures, OccluderOptions::default());
     let params = options(scene, EDGE).points;
-    choose(scene, &world, &occluders, &params, &vec![Some(budget); scene.objects.len()], &Directions::LADDER[..1], &Silent).unwrap().1
+    let (budgets, pinned) = (vec![Some(budget); scene.objects.len()], vec![None; scene.objects.len()]);
+    choose(scene, &world, &occluders, &params, &budgets, &pinned, &Directions::LADDER[..1], &Silent).unwrap().1
 }
 
 /// What several tests ask about.
@@ -88,8 +89,9 @@ fn directions_are_as_fine_as_the_budgets_ask_and_never_finer_than_what_is_pinned
     let world = World::build(&scene);
     let occluders = Occluders::build(&world, &scene.textures, OccluderOptions::default());
     let params = options(&scene, EDGE).points;
-    let found =
-        |budget: f64, allowed: &[Directions]| choose(&scene, &world, &occluders, &params, &[Some(budget), None], allowed, &Silent).unwrap();
+    let found = |budget: f64, allowed: &[Directions]| {
+        choose(&scene, &world, &occluders, &params, &[Some(budget), None], &[None; 2], allowed, &Silent).unwrap()
+    };
     let (loose, choices) = found(0.5, &Directions::LADDER);
     assert_eq!((loose, choices.len(), choices[0].object), (Directions::LADDER[0], 1, 0));
     assert_eq!(found(0.02, &Directions::LADDER).0, Directions::LADDER[1]);

@@ -15,8 +15,8 @@ pub struct BakeOptions {
     pub points: Vec<PointParams>,
     /// Texels along a cubemap face's side.
     pub face_resolution: u32,
-    /// Binary, or shades of gray.
-    pub visibility: Shades,
+    /// One per object: binary, or shades of gray. May be shorter: the others are binary.
+    pub visibility: Vec<Shades>,
     /// Effort of the tree's builder; changes no bit.
     pub tree: TreeQuality,
     /// One per object: how its indirect light is baked, if it is. May be shorter.
@@ -32,6 +32,32 @@ pub struct BakeOptions {
 }
 
 impl BakeOptions {
+    /// How finely an object's visibility is kept.
+    pub fn shades_of(&self, object: u32) -> Shades {
+        self.visibility.get(object as usize).copied().unwrap_or_default()
+    }
+
+    /// Face resolution and shades in words: "128 binary", and where objects differ how many have others, "128 binary + 3 gray6".
+    pub fn directions_in_words(&self) -> String {
+        let counts = self.shades_counted();
+        let first = counts.first().map_or(Shades::default(), |(shades, _)| *shades).name();
+        let rest: String = counts.iter().skip(1).map(|(shades, count)| format!(" + {count} {}", shades.name())).collect();
+        format!("{} {first}{rest}", self.face_resolution)
+    }
+
+    /// Shades, and how many objects have them, the most first.
+    pub fn shades_counted(&self) -> Vec<(Shades, usize)> {
+        let mut counts: Vec<(Shades, usize)> = Vec::new();
+        for shades in (0..self.points.len()).map(|object| self.shades_of(object as u32)) {
+            match counts.iter_mut().find(|(known, _)| *known == shades) {
+                Some((_, count)) => *count += 1,
+                None => counts.push((shades, 1)),
+            }
+        }
+        counts.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.name().cmp(b.0.name())));
+        counts
+    }
+
     /// How an object's indirect light is baked, if it is.
     pub fn transfer_of(&self, object: u32) -> Option<&TransferOptions> {
         self.transfer.get(object as usize).and_then(Option::as_ref)

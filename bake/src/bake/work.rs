@@ -131,7 +131,7 @@ impl ObjectWork {
         let mut differing = self.differing.clone();
         if let Some((known, _)) = self.standing() {
             let after = |patch: &LightPatch| {
-                let reach = patch.reach.after(&known.edit.changes, patch.reach.buried, raster(options));
+                let reach = patch.reach.after(&known.edit.changes, patch.reach.buried, raster(options, self.plan.object));
                 LightPatch { reach, ..patch.clone() }
             };
             patches.extend(known.light.patches[patches.len()..].iter().map(after));

@@ -11,6 +11,7 @@ use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::Occluders;
+use prelight_manifests::quality::Shades;
 use rayon::prelude::*;
 
 /// Where nothing meets a budget: the cheapest candidate whose error is at most this many times the least.
@@ -29,6 +30,8 @@ pub struct Choice {
     pub at_points: f64,
     /// What was chosen.
     pub params: PointParams,
+    /// Of its texels at edges.
+    pub shades: Shades,
     /// Points that it is expected to have.
     pub points: u64,
     /// Nothing allowed is sure to meet the budget; the nearest was taken, and `predicted` is the floor.
@@ -36,7 +39,7 @@ pub struct Choice {
 }
 
 /// The directions of the bake, the least of those `allowed` that do ([`super::directions`]), and for each object that has a budget the cheapest
-/// candidate that meets it. `params` are those of each object without one.
+/// candidate that meets it. `params` are those of each object without one, `pinned` the shades that scene.toml gives it, if it does.
 ///
 /// Pure: no clock, no thread count. Directions depend on all objects that have a budget; given them, an object's choice depends on the object, its knobs
 /// and on what can block its light.
@@ -52,10 +55,12 @@ pub fn choose(
     occluders: &Occluders,
     params: &[PointParams],
     budgets: &[Option<f64>],
+    pinned: &[Option<Shades>],
     allowed: &[Directions],
     progress: &dyn Progress,
 ) -> Result<(Directions, Vec<Choice>), BakeError> {
     let solids = BuriedProbe::new(scene, world);
+    let own = |object: usize, directions: Directions| Directions { shades: pinned[object].unwrap_or(directions.shades), ..directions };
     let subject = |object: usize| Subject { scene, world, occluders, solids: &solids, object, own: params[object] };
     let mut faces: Vec<u32> = allowed.iter().map(|directions| directions.face_resolution).collect();
     faces.dedup();
@@ -66,7 +71,8 @@ pub fn choose(
         check(progress)?;
         let asked =
             Asked { budget, edge_length: params[object].edge_length, places: subject(object).places(&all_probes[0], Drawn::Steering) };
-        let found = if allowed.len() > 1 { enough(&asked, allowed, &all_probes, occluders, &solids) } else { 0 };
+        let allowed: Vec<Directions> = allowed.iter().map(|directions| own(object, *directions)).collect();
+        let found = if allowed.len() > 1 { enough(&asked, &allowed, &all_probes, occluders, &solids) } else { 0 };
         stage.advance(1);
         Ok((asked, found))
     };
@@ -78,6 +84,7 @@ pub fn choose(
     let probes = all_probes.iter().find(is_of).expect("probes of every face resolution");
     let stage = Stage::begin(progress, "budget", Some(wanted.len() as u64), "objects");
     let choices = wanted.par_iter().zip(asked).with_max_len(1).map(|(&(object, budget), asked)| {
+        let directions = own(object, directions);
         let mut question = Question::new(&subject(object), probes, directions, asked.places)?;
         let ask = |length: usize, border: usize| {
             check(progress)?;
@@ -90,7 +97,8 @@ pub fn choose(
         stage.advance(1);
         let is_declared = !found.meets(budget);
         let at_points = if is_declared { question.point_error().judged(0..probes.lights.len()) } else { 0.0 };
-        Ok(Choice { object, budget, predicted: found.predicted, at_points, params: found.params, points: found.points, is_declared })
+        let Candidate { predicted, params, points, .. } = found;
+        Ok(Choice { object, budget, predicted, at_points, params, shades: directions.shades, points, is_declared })
     });
     Ok((directions, choices.collect::<Result<_, BakeError>>()?))
 }

@@ -6,7 +6,7 @@
 //!             that is not declared meets it
 //! ```
 //!
-//! Both have the same technique, directions and bits, so bytes and counted work are in proportion to points: one figure stands for all three.
+//! Both have the same technique, directions and bits on every object, those without a budget, so bytes and counted work are in proportion to points: one figure stands for all three.
 //! What is declared is counted on both sides as the planner has it: it meets nothing, and no setting is judged by it.
 
 use super::candidates::{BORDERS, Candidate, LENGTHS, Question, Subject};
@@ -20,6 +20,7 @@ use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::Occluders;
+use prelight_manifests::quality::Shades;
 use rayon::prelude::*;
 
 /// The planner and one setting for all at one budget.
@@ -48,7 +49,7 @@ impl Contest {
     }
 }
 
-/// Every candidate of every object, by edge length and then border. Where an edge length is not allowed, the object is not traced at it: points are
+/// Every candidate of every object, by edge length and then border, in the shades of each. Where an edge length is not allowed, the object is not traced at it: points are
 /// counted without borders, and the error is taken to be the least of those that are allowed, which can only help one setting for all.
 ///
 /// # Errors
@@ -58,13 +59,15 @@ pub fn candidates(
     world: &World,
     occluders: &Occluders,
     params: &[PointParams],
-    directions: Directions,
+    face_resolution: u32,
+    shades: &[Shades],
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<Candidate>>, BakeError> {
-    let (probes, solids) = (Probes::steering(directions.face_resolution), BuriedProbe::new(scene, world));
+    let (probes, solids) = (Probes::steering(face_resolution), BuriedProbe::new(scene, world));
     let stage = Stage::begin(progress, "candidates", Some(scene.objects.len() as u64), "objects");
     let object = |object: usize| {
         let subject = Subject { scene, world, occluders, solids: &solids, object, own: params[object] };
+        let directions = Directions { face_resolution, shades: shades[object] };
         let mut question = Question::new(&subject, &probes, directions, subject.places(&probes, Drawn::Steering))?;
         let mut all: Vec<Candidate> = Vec::new();
         for length in 0..LENGTHS.len() {

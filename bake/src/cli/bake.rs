@@ -165,8 +165,7 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, star
     if !measured.is_empty() {
         let (met, of) = budgets::met(&measured);
         if !loaded.settings.choices.is_empty() {
-            let options = &loaded.settings.options;
-            summary.set("budgets.directions", format!("{} {}", options.face_resolution, options.visibility.name()));
+            summary.set("budgets.directions", loaded.settings.options.directions_in_words());
         }
         if of > 0 {
             summary.set("budgets.met", met).set("budgets.undeclared", of).set("budgets.declared", loaded.settings.choices.len() - of);

@@ -9,6 +9,7 @@ use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_manifests::ByteSize;
 use prelight_manifests::asset::AssetObject;
+use prelight_manifests::quality::Shades;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::points::BURIED;
 use prelight_runtime::block_product::Accuracy;
@@ -100,10 +101,12 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
     for (object, entry) in asset.objects.iter().zip(&manifest.content.objects).filter(|(object, _)| chosen(&object.name)) {
         let buried = flags(object.patches.clone()).filter(|flags| flags & BURIED != 0).count();
         let visibility: u64 = entry.patches.iter().map(|patch| patch.visibility.bytes).sum();
+        let steps = asset.patches[object.patches.clone()].first().and_then(|patch| patch.visibility().steps());
+        let shades = Shades::of_steps(steps).unwrap_or_default().name();
         let measured = measured(asset, &object.name);
         objects.push(json!({
             "name": object.name, "technique": entry.technique, "points": entry.n_points, "buried": buried, "triangles": entry.n_triangles,
-            "patches": entry.patches.len(), "edge_length": round(object.edge_length), "directions": directions,
+            "patches": entry.patches.len(), "edge_length": round(object.edge_length), "directions": directions, "visibility": shades,
             "bytes": { "total": object_bytes(entry), "visibility": visibility, "mesh": entry.mesh.bytes },
             "max_error": measured["max_error"], "predicted": measured["predicted"], "measured": measured["held_back"], "grid": measured["grid"],
             "declared": measured["declared"],
@@ -143,8 +146,8 @@ fn text(asset: &Asset, by_kind: &BTreeMap<String, u64>, objects: &mut [Value]) -
     // The grid's own error is that of its directions against the exact light, which no budget is about.
     let heading = errors(["predicted", "measured", "grid"]);
     text += &format!(
-        "\n{:>9} {:>9} {:>8} {:>11} {:>10} {heading} technique      object\n",
-        "points", "triangles", "buried", "directions", "bytes"
+        "\n{:>9} {:>9} {:>8} {:>11} {:>10} {:>10} {heading} technique      object\n",
+        "points", "triangles", "buried", "directions", "visibility", "bytes"
     );
     objects.sort_by_key(|object| std::cmp::Reverse(object["points"].as_u64()));
     for object in objects.iter().take(LISTED) {
@@ -153,11 +156,14 @@ fn text(asset: &Asset, by_kind: &BTreeMap<String, u64>, objects: &mut [Value]) -
         let error = |field: &str| object[field].as_f64().map_or("-".to_string(), |error| format!("{error:.4}"));
         let errors = errors([&error("predicted"), &error("measured"), &error("grid")]);
         let bytes = ByteSize(object["bytes"]["total"].as_u64().unwrap_or(0)).to_string();
+        let shades = object["visibility"].as_str().unwrap_or_default();
         let technique = object["technique"].as_str().unwrap_or_default();
         // Declared: its budget was known to be out of reach.
         let declared = if object["declared"] == true { " (declared)" } else { "" };
         let (points, triangles, buried, directions) = (number("points"), number("triangles"), number("buried"), number("directions"));
-        text += &format!("{points:>9} {triangles:>9} {buried:>8} {directions:>11} {bytes:>10} {errors} {technique:<14} {name}{declared}\n");
+        text += &format!(
+            "{points:>9} {triangles:>9} {buried:>8} {directions:>11} {shades:>10} {bytes:>10} {errors} {technique:<14} {name}{declared}\n"
+        );
     }
     if objects.len() > LISTED {
         text += &format!("{:>9} {:>9} {:>8}  and {} more\n", "", "", "", objects.len() - LISTED);

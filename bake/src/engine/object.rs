@@ -224,7 +224,7 @@ fn light_key(scene: &Scene, world: &World, pieces: &Pieces, options: &BakeOption
         options.points[object];
     let source = &scene.objects[object];
     let mut hasher = Hasher::new("prelight object light");
-    let shades = options.visibility.steps().unwrap_or(0);
+    let shades = options.shades_of(object as u32).steps().unwrap_or(0);
     hasher.words(&[options.face_resolution, shades, max_level, max_triangles, u32::from(coarser) | u32::from(quarters) << 1, PATCH_ORDER]);
     hasher.floats(&[edge_length, normal_angle_deg, area_floor, most_unrest]);
     source.world_from_local.iter().for_each(|value| hasher.bytes(&value.to_le_bytes()));
@@ -271,9 +271,9 @@ pub fn snapshot(pieces: &Pieces, keys: &[Option<ObjectKey>]) -> Snapshot {
     Snapshot::new(pieces, keys.iter().map(|key| Some(key.as_ref()?.source.clone())).collect())
 }
 
-/// What shafts need to know of a bake.
-pub fn raster(options: &BakeOptions) -> Raster {
-    Raster { face_resolution: options.face_resolution as usize, in_part: options.visibility != Shades::Binary }
+/// What the shafts of an object's patches need to know of a bake.
+pub fn raster(options: &BakeOptions, object: u32) -> Raster {
+    Raster { face_resolution: options.face_resolution as usize, in_part: options.shades_of(object) != Shades::Binary }
 }
 
 /// `[objects]` what earlier bakes know of those that have a key and are `wanted`.
@@ -289,8 +289,8 @@ pub fn known_objects(
     wanted: &dyn Fn(usize) -> bool,
 ) -> Result<Vec<Known>, BakeError> {
     let mut snapshots: BTreeMap<Digest, Option<Arc<Edit>>> = BTreeMap::new();
-    let raster = raster(options);
     let mut find = |object: usize, key: &ObjectKey| -> Result<Known, BakeError> {
+        let raster = raster(options, object as u32);
         let mut best: Option<KnownLight> = None;
         for record in store.lookup_all(&key.light)? {
             let Some((snapshot, light)) = LightRecord::decode(record) else { continue };

@@ -34,14 +34,19 @@ pub struct Shadowing<'a> {
     pub occluders: &'a Occluders,
     /// Texels along a cubemap face's side.
     pub face_resolution: u32,
-    /// Binary, or how many shades of gray.
-    pub shades: Shades,
+    /// One per object: binary, or how many shades of gray. May be shorter: the others are binary.
+    pub shades: &'a [Shades],
 }
 
 impl Shadowing<'_> {
-    /// What shafts need to know of the tracer.
-    pub fn raster(&self) -> Raster {
-        Raster { face_resolution: self.face_resolution as usize, in_part: self.shades != Shades::Binary }
+    /// What the shafts of an object's patches need to know of the tracer.
+    pub fn raster(&self, object: u32) -> Raster {
+        Raster { face_resolution: self.face_resolution as usize, in_part: self.steps(object).is_some() }
+    }
+
+    /// Steps of an object's grayscale; `None` of binary.
+    pub fn steps(&self, object: u32) -> Option<u32> {
+        self.shades.get(object as usize).copied().unwrap_or_default().steps()
     }
 }
 
@@ -60,7 +65,7 @@ pub struct PatchInputs<'a> {
 impl<'a> PatchInputs<'a> {
     /// Hashes the points.
     pub fn new(of: &Shadowing, plan: &'a ObjectPlan, patch: &'a Patch) -> Self {
-        let key = points_key(of.pieces, of.face_resolution, of.shades.steps(), patch.range().map(|point| plan.trace_origin(point)));
+        let key = points_key(of.pieces, of.face_resolution, of.steps(plan.object), patch.range().map(|point| plan.trace_origin(point)));
         let origins = OriginBoxes::new(plan.origin[patch.range()].iter().copied());
         PatchInputs { plan, patch, key, origins }
     }
@@ -129,7 +134,7 @@ impl<'a> Walk<'a> {
         keys: &mut [[u8; 16]; N_TILES],
     ) -> (TileSet, TileSet) {
         self.before.push(*self.open.faces());
-        let reach = Reach::new(self.of.pieces, layer, &self.inputs.origins, &self.open, self.of.raster());
+        let reach = Reach::new(self.of.pieces, layer, &self.inputs.origins, &self.open, self.of.raster(self.inputs.plan.object));
         let (mut missed, mut renamed) = (0, 0);
         for tile in tiles(reach.tiles & !skip) {
             let at = usize::from(tile);
@@ -182,7 +187,7 @@ pub fn resolve(
 ) -> Result<Resolution, BakeError> {
     let mut walk = Walk::new(of, inputs);
     let live = walk.open.live();
-    bits.reset(of.face_resolution, of.shades.steps(), inputs.patch.n_points as usize);
+    bits.reset(of.face_resolution, of.steps(inputs.plan.object), inputs.patch.n_points as usize);
     // Tiles whose bits in `bits` are those that the layers so far left; those that were traced at all.
     let (mut held, mut redone) = (0, 0);
     let mut keys = [[0; 16]; N_TILES];
@@ -256,7 +261,7 @@ fn trace_up_to(of: &Shadowing, inputs: &PatchInputs, bits: &mut PatchBits, reach
 /// A tile of those that held whose bits are not what tracing gives, if there is one among `suspects`: traced from the horizon by all
 /// occluders, whatever the shafts say.
 pub fn false_hit(of: &Shadowing, inputs: &PatchInputs, visibility: &Visibility, suspects: TileSet, bits: &mut PatchBits) -> Option<u8> {
-    bits.reset(of.face_resolution, of.shades.steps(), inputs.patch.n_points as usize);
+    bits.reset(of.face_resolution, of.steps(inputs.plan.object), inputs.patch.n_points as usize);
     bits.set_horizon(inputs.plan, inputs.patch, suspects);
     for layer in 0..of.pieces.n_layers() {
         bits.trace(of.occluders, layer, inputs.plan, inputs.patch, suspects);

@@ -164,7 +164,7 @@ impl Tracer<'_> {
             changed: 0,
         };
         let Some(edit) = known.edit else { return Ok(Some(taken)) };
-        let (changes, raster) = (&edit.changes, self.shadowing.raster());
+        let (changes, raster) = (&edit.changes, self.shadowing.raster(task.plan.object));
         let Some(occluders) = edit.occluders() else { return Ok(None) };
         let touches = light.reach.touches(changes, raster);
         if occluders.gone.is_none() && touches.len() > MAX_TOUCHES {
@@ -206,8 +206,8 @@ impl Tracer<'_> {
         if stale == 0 {
             return 0;
         }
-        let Shadowing { pieces, occluders, face_resolution, shades } = self.shadowing;
-        bits.reset(face_resolution, shades.steps(), task.patch.n_points as usize);
+        let Shadowing { pieces, occluders, face_resolution, .. } = self.shadowing;
+        bits.reset(face_resolution, self.shadowing.steps(task.plan.object), task.patch.n_points as usize);
         bits.copy(before, live & !stale);
         bits.set_horizon(task.plan, task.patch, stale);
         for layer in 0..pieces.n_layers() {
@@ -264,7 +264,7 @@ impl Tracer<'_> {
         let inputs = PatchInputs::new(&self.shadowing, task.plan, task.patch);
         let mut candidates = candidates(self.store, &inputs)?;
         let is_new = candidates.is_empty();
-        let load = |descriptor: &Descriptor| self.load(descriptor, task.patch);
+        let load = |descriptor: &Descriptor| self.load(descriptor, task);
         let resolved = loop {
             match resolve(&self.shadowing, &inputs, &candidates, &load, bits)? {
                 Resolution::Done(resolved) => break resolved,
@@ -291,7 +291,7 @@ impl Tracer<'_> {
     }
 
     /// A chunk of a record, if it is what this patch needs.
-    fn load(&self, descriptor: &Descriptor, patch: &Patch) -> Result<Option<Chunk>, BakeError> {
+    fn load(&self, descriptor: &Descriptor, task: &PatchTask) -> Result<Option<Chunk>, BakeError> {
         let chunk = match self.store.chunk(descriptor) {
             Ok(chunk) => chunk,
             // Set aside and named by the store; tracing again is the repair.
@@ -302,9 +302,9 @@ impl Tracer<'_> {
             Err(error) => return Err(error.into()),
         };
         let fits = |visibility: Visibility| {
-            visibility.len() == patch.n_points as usize
+            visibility.len() == task.patch.n_points as usize
                 && visibility.face_resolution() == self.shadowing.face_resolution as usize
-                && visibility.steps() == self.shadowing.shades.steps()
+                && visibility.steps() == self.shadowing.steps(task.plan.object)
         };
         let fits = Visibility::from_chunk(&chunk).is_ok_and(fits);
         Ok(fits.then_some(chunk))

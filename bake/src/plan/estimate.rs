@@ -16,6 +16,7 @@ use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::settings::Settings;
 use crate::trace::{OccluderOptions, Occluders, Scratch, TraceOrigin};
+use prelight_manifests::quality::Shades;
 use prelight_runtime::block_product::visibility::open_words;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -95,7 +96,8 @@ pub fn estimate(scene: &Scene, world: &World, settings: &Settings, jobs: usize, 
 /// Traces points spread over the objects by their share; returns how many, and the seconds of one thread.
 fn probe(world: &World, points: &[u64], options: &BakeOptions, occluders: &Occluders) -> (u64, f64) {
     let total: u64 = points.iter().sum();
-    let (mut scratch, mut open) = (Scratch::default(), vec![0; open_words(options.face_resolution as usize)]);
+    let n = options.face_resolution as usize;
+    let (mut scratch, mut open, mut parts) = (Scratch::default(), vec![0; open_words(n)], Vec::new());
     let (mut probes, start) = (0, Instant::now());
     for (object, share) in points.iter().enumerate().filter(|(_, share)| **share > 0) {
         let triangles = world.object_start[object]..world.object_start[object + 1];
@@ -105,7 +107,10 @@ fn probe(world: &World, points: &[u64], options: &BakeOptions, occluders: &Occlu
             let origin = surface_origin(world, triangle, [1.0 / 3.0; 3], false, options.points[object].edge_length);
             let excluded: &[u32] = if origin.exclude_triangle { &[triangle] } else { &[] };
             let from = TraceOrigin { origin: origin.origin, normal: origin.normal, base_triangles: excluded };
-            occluders.open_texels(&from, options.face_resolution as usize, &mut scratch, &mut open);
+            match options.shades_of(object as u32) {
+                Shades::Binary => occluders.open_texels(&from, n, &mut scratch, &mut open),
+                _ => occluders.open_samples(&from, n, &mut scratch, &mut open, &mut parts),
+            }
             probes += 1;
         }
     }

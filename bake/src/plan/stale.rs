@@ -55,12 +55,11 @@ impl Stale {
 pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &Store, progress: &dyn Progress) -> Result<Stale, BakeError> {
     let pieces = Pieces::build(scene, world, &layers(scene, world, &options.rebake.layers), MAX_LAYERS);
     let nothing = Occluders::default();
-    let of = Shadowing { pieces: &pieces, occluders: &nothing, face_resolution: options.face_resolution, shades: options.visibility };
+    let of = Shadowing { pieces: &pieces, occluders: &nothing, face_resolution: options.face_resolution, shades: &options.visibility };
     let wanted = |object: usize| options.rebake.wants(object);
     let keys = object_keys(scene, world, &pieces, options, &wanted);
     let is_direct = |object: usize| options.transfer_of(object as u32).is_none();
     let known = known_objects(scene, options, &keys, &snapshot(&pieces, &keys), store, &is_direct)?;
-    let raster = raster(options);
     let of_object = |object: usize| -> Result<Stale, BakeError> {
         check(progress)?;
         match &known[object] {
@@ -69,7 +68,7 @@ pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &S
                 return Ok(Stale { patches: made.patches.len() as u64, live: u64::from(counts.live), ..Stale::default() });
             }
             Known::Light(known) => {
-                let mut found = Stale::default();
+                let (mut found, raster) = (Stale::default(), raster(options, object as u32));
                 for (patch, touched) in known.light.patches.iter().zip(&known.touched) {
                     let tiles = if *touched { patch.reach.stale(&known.edit.changes, raster) } else { 0 };
                     found.add(object, (patch.reach.origins, patch.n_points), patch.reach.live(), tiles, false);

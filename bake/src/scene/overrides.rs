@@ -12,7 +12,7 @@ use super::{Object, Scene};
 use crate::error::BakeError;
 use globset::{GlobBuilder, GlobMatcher};
 use prelight_manifests::Technique;
-use prelight_manifests::quality::Knobs;
+use prelight_manifests::quality::{Knobs, Shades};
 use prelight_manifests::scene::{AlphaModeName, Brdf, MaterialRule, SceneManifest};
 use prelight_runtime::brdf::{Measured, phong};
 use prelight_runtime::surface::{AlphaMode, Material, Model};
@@ -30,6 +30,8 @@ pub struct ObjectKnobs {
     pub max_error: Option<f64>,
     /// Faces without normals are smoothed up to this angle, degrees; `None`: they are flat.
     pub smooth_angle_deg: Option<f64>,
+    /// Shades that `[bake]` or a rule asks for by name; `None` where only a preset has them.
+    pub visibility: Option<Shades>,
     /// How transport is represented; never `Auto`.
     pub technique: Technique,
     /// Layer of occluders, where a rule fixes it ([`crate::plan::layer`]).
@@ -184,6 +186,7 @@ pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec
                 section.edge_length = rule.edge_length.or(section.edge_length);
                 section.max_error = rule.max_error.or(section.max_error);
                 section.coarser = rule.coarser.or(section.coarser);
+                section.visibility = rule.visibility.or(section.visibility);
                 section.smooth_angle_deg = rule.smooth_angle_deg.or(section.smooth_angle_deg);
                 *layer = rule.layer.or(*layer);
                 n_matches += 1;
@@ -198,6 +201,7 @@ pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec
         edge_length: section.edge_length,
         max_error: section.max_error,
         smooth_angle_deg: section.smooth_angle_deg,
+        visibility: section.visibility,
         technique: section.technique.resolved(),
         knobs: section.knobs(),
     };
@@ -312,6 +316,7 @@ mod tests {
             [[object]]
             match = "Sofa"
             quality = "high"
+            visibility = "gray6"
             [[object]]
             match = "Chair"
         "#;
@@ -321,6 +326,12 @@ mod tests {
         assert_eq!(knobs[1].knobs.normal_angle_deg, Quality::Draft.knobs().normal_angle_deg);
         assert!(knobs.iter().all(|knobs| knobs.knobs.max_error == 0.125 && knobs.technique == Technique::BlockProduct));
         assert_eq!(warnings, ["object[1].match = \"Chair\" matches no object"]);
+        assert_eq!([0, 1].map(|object| knobs[object].visibility), [Some(Shades::Gray6), None]);
+        assert_eq!([0, 1].map(|object| knobs[object].knobs.visibility), [Shades::Gray6, Shades::Binary]);
+        // The bake's own is for those without a rule, and written out it is pinned as well.
+        let rules = rules.replace("max_error", "visibility = \"gray2\"\nmax_error");
+        let knobs = object_knobs(&manifest(&rules), &scene(&[], &["Sofa", "Lamp"]).objects).unwrap().0;
+        assert_eq!([0, 1].map(|object| knobs[object].visibility), [Some(Shades::Gray6), Some(Shades::Gray2)]);
     }
 
     #[test]

@@ -116,6 +116,7 @@ pub struct BakeSection {
     #[schemars(extend("enum" = [64, 128]))]
     pub face_resolution: Option<u32>,
     /// Shades of a texel that an edge crosses: `binary`, or `gray2`, `gray4`, `gray6`, `gray8`, `gray` by bits, the last not quantised.
+    /// An `[[object]]` may have its own. Written out, no `max_error` chooses them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub visibility: Option<Shades>,
     /// How long the BVH build may take. Changes no bit of the result.
@@ -268,6 +269,9 @@ pub struct ObjectRule {
     /// Bakes fewer points than its mesh has vertices, as the key of `[bake]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coarser: Option<bool>,
+    /// Shades of a texel that an edge crosses, at its points, as the key of `[bake]`; written out, no budget chooses them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub visibility: Option<Shades>,
     /// Smooths it where its file has no normals, as the key of `[bake]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 180.0))]

@@ -86,6 +86,7 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 # match = {object}
 # quality = "high"
 # edge_length = 0.01
+# visibility = "gray6"       # shades of its own
 
 [limits]
 # memory = "12GiB"           # --memory wins; default three quarters of the machine's

@@ -1,6 +1,7 @@
 use super::position::{line_column, nearest};
 use super::template::Template;
 use super::*;
+use crate::quality::Shades;
 use crate::{ByteSize, Quality, Technique};
 
 /// A whole manifest around some lines; `format` and `[scene]` take the first three.
@@ -50,6 +51,7 @@ fn every_key_of_the_design_is_read() {
         technique = "block_product"
         quality = "draft"
         edge_length = 1
+        visibility = "gray6"
         [limits]
         memory = "12GiB"
     "#;
@@ -63,6 +65,7 @@ fn every_key_of_the_design_is_read() {
     assert_eq!(knobs.points, Quality::High.knobs().points, "what is not set comes from the preset");
     assert_eq!(manifest.bake.edge_length, Some(0.05));
     assert_eq!(manifest.object[0].technique, Some(Technique::BlockProduct));
+    assert_eq!((manifest.object[0].visibility, manifest.bake.visibility, knobs.visibility), (Some(Shades::Gray6), None, Shades::Binary));
     assert_eq!(manifest.material[0].emissive, Some([0.0, 1.0, 2.5]));
     assert_eq!(manifest.limits.memory, Some(ByteSize(12 << 30)));
 }
@@ -77,6 +80,7 @@ fn unknown_keys_name_the_nearest_known_one_and_their_place() {
         ("[bake]\nzzz = 3", "scene.toml:5:1", "unknown key `zzz`", "known here: quality, edge_length"),
         ("[[enviroment]]\nname = \"a\"", "scene.toml:4:3", "unknown key `enviroment`", "did you mean `environment`?"),
         ("[bake]\nquality = \"mediun\"", "scene.toml:5:11", "unknown name `mediun`", "did you mean `medium`?"),
+        ("[[object]]\nmatch = \"a\"\nvisibility = \"grey6\"", "scene.toml:6:14", "unknown name `grey6`", "did you mean `gray6`?"),
         ("[[material]]\nmatch = \"a\"\nbrdf = { wart = { } }", "scene.toml:6:10", "unknown name `wart`", "did you mean `ward`?"),
         ("[limits]\nmemroy = \"1GiB\"", "scene.toml:5:1", "unknown key `memroy`", "did you mean `memory`?"),
     ];
@@ -285,6 +289,7 @@ fn schema_knows_every_key_and_forbids_others() {
         assert!(bake[key].is_object(), "{key}");
     }
     assert!(schema["$defs"]["MaterialRule"]["properties"]["match"].is_object());
+    assert!(schema["$defs"]["ObjectRule"]["properties"]["visibility"].is_object());
     assert_eq!(schema.to_string(), super::schema().to_string());
 }
 
