@@ -50,8 +50,7 @@ impl Experiment<'_> {
     /// Errors of what was chosen under every light, at the places that steered and at others: one line of JSON.
     fn agreement(&self, choice: &Choice) -> String {
         let Experiment { scene, world, occluders, settings } = *self;
-        let directions =
-            Directions { face_resolution: settings.options.face_resolution, shades: settings.options.visibility[choice.object] };
+        let directions = Directions { face_resolution: settings.options.face_resolution, shades: choice.shades };
         let mut probes = Probes::held_back(directions.face_resolution);
         let n = probes.lights.len();
         probes.extend(Probes::steering(directions.face_resolution));

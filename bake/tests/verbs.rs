@@ -78,6 +78,16 @@ fn parts_bake_as_one_scene_and_a_file_used_twice_is_stored_once() {
     assert_eq!(content.objects[0].base.digest, content.objects[1].base.digest, "the geometry is one chunk");
     assert_ne!(content.objects[0].patches[0].points.digest, content.objects[1].patches[0].points.digest, "points stand in the world");
 
+    // One of the two in shades of gray: the other stays as it is.
+    write(folder, "gray.toml", scene.to_string() + "[[object]]\nmatch = \"far/**\"\nvisibility = \"gray6\"\n");
+    let output = run(folder, &["bake", "gray.toml", "--json"]);
+    assert_eq!(summary(&output)["objects"], 2, "{}", stderr(&output));
+    let gray = asset(folder, "gray.prelight.json").content;
+    assert_eq!(gray.objects[0], content.objects[0]);
+    assert_ne!(gray.objects[1].patches[0].visibility, content.objects[1].patches[0].visibility);
+    let inspected = summary(&run(folder, &["inspect", "gray.prelight.json", "--json"]));
+    assert_eq!([0, 1].map(|object| inspected["objects"][object]["visibility"].clone()), ["binary", "gray6"]);
+
     write(folder, "twice.toml", scene.replace("name = \"far\"\n", ""));
     let twice = run(folder, &["bake", "twice.toml"]);
     assert_eq!(twice.status.code(), Some(3));

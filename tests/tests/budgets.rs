@@ -8,6 +8,7 @@ use prelight_bake::progress::Silent;
 use prelight_bake::scene::Scene;
 use prelight_bake::scene::world::World;
 use prelight_bake::trace::{OccluderOptions, Occluders};
+use prelight_manifests::quality::Shades;
 use prelight_store::Store;
 use prelight_tests::{cuboid, options, quad, scene, sphere};
 use std::sync::{Arc, OnceLock};
@@ -31,6 +32,9 @@ fn small() -> Scene {
 }
 
 const EDGE: f32 = 0.05;
+/// By how much what is refined by bits may differ from what is refined by gray, whose edges are split by a half of a texel, not its centre; and a bake in
+/// gray from its forecast at the finest borders.
+const REFINED_BY_BITS: f64 = 0.1;
 
 fn chosen(scene: &Scene, budget: f64) -> Vec<Choice> {
     let world = World::build(scene);
@@ -106,6 +110,57 @@ fn question<'a>(subject: &Subject<'a>, probes: &'a Probes, drawn: Drawn) -> Ques
 }
 
 #[test]
+fn an_object_that_bits_keep_from_its_budget_is_planned_in_gray_unless_its_shades_are_pinned() {
+    let scene = small();
+    let world = World::build(&scene);
+    let occluders = Occluders::build(&world, &scene.textures, OccluderOptions::default());
+    let (steering, solids) = (Probes::steering(64), BuriedProbe::new(&scene, &world));
+    let mut options = options(&scene, EDGE);
+    let params = options.points.clone();
+    let subject = Subject { scene: &scene, world: &world, occluders: &occluders, solids: &solids, object: 0, own: params[0] };
+    let asked = question(&subject, &steering, Drawn::Steering);
+    let planned = |budget: f64, pinned: [Option<Shades>; 2]| {
+        let budgets = [Some(budget), Some(0.5)];
+        choose(&scene, &world, &occluders, &params, &budgets, &pinned, &Directions::LADDER[..1], &Silent).unwrap().1
+    };
+    // Below what any candidate in bits comes to: what is taken is within a quarter of the least.
+    let floor = planned(1e-4, [Some(Shades::Binary), None])[0].predicted;
+    let budget = 0.75 * floor / MARGIN;
+    let found = |pinned| planned(budget, pinned);
+    let (free, bits) = (found([None; 2]), found([Some(Shades::Binary), None]));
+    let at_points = question(&subject, &steering, Drawn::Steering).point_error().judged(0..steering.lights.len());
+    println!("budget {budget:.4}, bits alone {at_points:.4}\n{:?}\n{:?}", free[0], bits[0]);
+    assert!(bits[0].is_declared && bits[0].shades == Shades::Binary && bits[0].at_points == at_points);
+    assert!(!free[0].is_declared && free[0].shades == Shades::Gray6 && free[0].at_points == 0.0);
+    assert_eq!(free[1], bits[1], "what one object takes is nothing to another");
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert_eq!(one_thread.install(|| found([None; 2])), free);
+
+    // Refined by bits and traced in gray: nearly what is refined by gray, as the bake does it, comes to.
+    let (length, border) = rungs(&params[0], &free[0].params).expect("one of the candidates");
+    let gray = Directions { shades: Shades::Gray6, ..Directions::LADDER[0] };
+    let [same, elsewhere] = [Drawn::Steering, Drawn::HeldBack].map(|drawn| {
+        let mut question = Question::new(&subject, &steering, gray, subject.places(&steering, drawn)).unwrap();
+        question.candidate(length, border).unwrap().predicted
+    });
+    assert!((same - free[0].predicted).abs() < REFINED_BY_BITS * free[0].predicted, "{same} {:?}", free[0]);
+    options.points[0] = free[0].params;
+    options.visibility = vec![free[0].shades];
+    options.rebake.only = Some(vec![true, false]);
+    let mut probes = Probes::held_back(64);
+    let n = probes.n_held_back();
+    probes.extend(Probes::steering(64));
+    options.rebake.measure = Some(Arc::new(probes));
+    let folder = tempfile::tempdir().unwrap();
+    let stats = bake(&scene, &options, &Store::open_or_create(folder.path()).unwrap(), &Silent).unwrap().stats;
+    let sums = &stats.errors[0].sums;
+    let (held_back, steered) = (sums.judged(0..n), sums.expected(n..sums.truth.len()));
+    println!("steered {steered:.4}, held back {held_back:.4}, {} points", stats.points);
+    assert!((steered - elsewhere).abs() < REFINED_BY_BITS * elsewhere, "{steered} {elsewhere}");
+    assert!(held_back <= 1.5 * budget, "{held_back} {budget}");
+}
+
+#[test]
 fn errors_fall_as_points_are_added_and_budgets_hold_under_held_back_lights() {
     let scene = room();
     let world = World::build(&scene);
@@ -132,6 +187,7 @@ fn errors_fall_as_points_are_added_and_budgets_hold_under_held_back_lights() {
         })
         .collect();
     choices.iter().for_each(|choice| options.points[choice.object] = choice.params);
+    options.visibility = choices.iter().map(|choice| choice.shades).collect();
     let mut probes = Probes::held_back(64);
     let n = probes.n_held_back();
     assert_eq!(n, probes.lights.len());

@@ -22,6 +22,7 @@ use crate::refine::count_object;
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::Occluders;
+use prelight_runtime::asset::points::BURIED;
 
 /// Places of an object at which a candidate is judged.
 pub const PLACES: usize = 640;
@@ -155,6 +156,23 @@ impl<'a> Question<'a> {
     /// What points lose where they stand, however many there are: [`Places::point_error`].
     pub fn point_error(&self) -> Sums {
         self.places.point_error(&self.tracing)
+    }
+
+    /// The same at other shades than the question's.
+    pub(super) fn point_error_in(&self, tracing: &Tracing) -> Sums {
+        self.places.point_error(tracing)
+    }
+
+    /// A candidate that is known already, at other shades: refined by the question's, and only then traced.
+    ///
+    /// # Errors
+    /// As [`Question::candidate`].
+    pub(super) fn in_shades(&mut self, known: &Candidate, tracing: &Tracing) -> Result<Candidate, BakeError> {
+        let (mut near, points) = self.around(known.length, known.border)?;
+        near.flags.iter_mut().for_each(|flags| *flags &= !BURIED);
+        tracing.mark_buried(&mut near);
+        let sums = measure_planned(&near, &self.places, self.probes, tracing);
+        Ok(Candidate { points, predicted: sums.expected(0..sums.truth.len()), ..*known })
     }
 
     fn plan(&mut self, length: usize, border: usize) -> Result<&ObjectPlan, BakeError> {

@@ -2,8 +2,11 @@
 
 use super::candidates::{BORDERS, Candidate, LENGTHS, Question, Subject};
 use super::directions::{Asked, Directions, enough, least};
+use super::gray::{GRAY, in_gray};
+use super::measure::Sums;
 use super::places::Drawn;
 use super::probes::Probes;
+use super::traced::Tracing;
 use crate::error::BakeError;
 use crate::plan::PointParams;
 use crate::plan::buried::BuriedProbe;
@@ -86,19 +89,34 @@ pub fn choose(
     let choices = wanted.par_iter().zip(asked).with_max_len(1).map(|(&(object, budget), asked)| {
         let directions = own(object, directions);
         let mut question = Question::new(&subject(object), probes, directions, asked.places)?;
+        let mut known: Vec<(Candidate, Sums)> = Vec::new();
         let ask = |length: usize, border: usize| {
             check(progress)?;
             if border == 0 && !question.allows(length)? {
                 return Ok(None);
             }
-            question.candidate(length, border).map(Some)
+            let (candidate, sums) = question.asked(length, border)?;
+            known.push((candidate, sums));
+            Ok(Some(candidate))
         };
-        let found = cheapest(budget, ask)?;
+        let mut found = cheapest(budget, ask)?;
+        let (mut shades, mut at_points) = (directions.shades, Sums::default());
+        if !found.meets(budget) {
+            at_points = question.point_error();
+            let gray = Directions { shades: GRAY, ..directions };
+            let gray = Tracing::new(occluders, probes, &solids, params[object].edge_length, gray);
+            if pinned[object].is_none()
+                && shades == Shades::Binary
+                && let Some(better) = in_gray(&mut question, &gray, &known, &found, &at_points, budget)?
+            {
+                (found, shades) = (better, GRAY);
+                at_points = if found.meets(budget) { Sums::default() } else { question.point_error_in(&gray) };
+            }
+        }
         stage.advance(1);
-        let is_declared = !found.meets(budget);
-        let at_points = if is_declared { question.point_error().judged(0..probes.lights.len()) } else { 0.0 };
+        let (is_declared, at_points) = (!found.meets(budget), at_points.judged(0..at_points.truth.len()));
         let Candidate { predicted, params, points, .. } = found;
-        Ok(Choice { object, budget, predicted, at_points, params, shades: directions.shades, points, is_declared })
+        Ok(Choice { object, budget, predicted, at_points, params, shades, points, is_declared })
     });
     Ok((directions, choices.collect::<Result<_, BakeError>>()?))
 }

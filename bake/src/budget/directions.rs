@@ -9,9 +9,10 @@
 //! ```
 //!
 //! Grayscale loses less than either of the size above it (over the demo at 0.05: 0.052, 0.023 in 64² gray6, 0.025, 0.000 in 128² gray6), but each point that a
-//! candidate is judged by then takes as long as thirty: who pins it gets it, and waits.
+//! candidate is judged by then takes as long as thirty: it is for single objects, those that bits keep from their budgets ([`super::gray`]), and for who
+//! pins it.
 //!
-//! One choice for the whole bake: an app's light is prepared for one face resolution.
+//! One face resolution for the whole bake: an app's light is prepared for one.
 
 use super::places::Places;
 use super::probes::Probes;

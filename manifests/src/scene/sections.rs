@@ -85,7 +85,8 @@ pub struct BakeSection {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub edge_length: Option<f64>,
-    /// Relative L2 of diffuse radiance aimed at between points, per object, 0.0001 to 1. Written here, it chooses each object's edge length.
+    /// Relative L2 of diffuse radiance aimed at between points, per object, 0.0001 to 1. Written here, it chooses each object's edge
+    /// length and, where they are not written out, the face resolution and which objects get shades of gray.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0001, max = 1.0))]
     pub max_error: Option<f64>,
