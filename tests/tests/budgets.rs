@@ -133,8 +133,6 @@ fn an_object_that_bits_keep_from_its_budget_is_planned_in_gray_unless_its_shades
     assert!(bits[0].is_declared && bits[0].shades == Shades::Binary && bits[0].at_points == at_points);
     assert!(!free[0].is_declared && free[0].shades == Shades::Gray6 && free[0].at_points == 0.0);
     assert_eq!(free[1], bits[1], "what one object takes is nothing to another");
-    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    assert_eq!(one_thread.install(|| found([None; 2])), free);
 
     // Refined by bits and traced in gray: nearly what is refined by gray, as the bake does it, comes to.
     let (length, border) = rungs(&params[0], &free[0].params).expect("one of the candidates");
