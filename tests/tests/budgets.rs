@@ -118,7 +118,6 @@ fn an_object_that_bits_keep_from_its_budget_is_planned_in_gray_unless_its_shades
     let mut options = options(&scene, EDGE);
     let params = options.points.clone();
     let subject = Subject { scene: &scene, world: &world, occluders: &occluders, solids: &solids, object: 0, own: params[0] };
-    let asked = question(&subject, &steering, Drawn::Steering);
     let planned = |budget: f64, pinned: [Option<Shades>; 2]| {
         let budgets = [Some(budget), Some(0.5)];
         choose(&scene, &world, &occluders, &params, &budgets, &pinned, &Directions::LADDER[..1], &Silent).unwrap().1
