@@ -383,7 +383,7 @@ mod tests {
     #[test]
     fn what_judges_never_steers() {
         let (steering, held_back) = (Probes::steering(64), Probes::held_back(64));
-        assert_eq!((steering.lights.len(), steering.n_held_back()), (33, 0));
+        assert_eq!((steering.lights.len(), steering.n_held_back()), (75, 0));
         assert_eq!((held_back.lights.len(), held_back.n_held_back()), (22, 22));
         let names = |probes: &Probes| probes.lights.iter().map(|probe| probe.name.clone()).collect::<Vec<_>>();
         assert!(names(&held_back).iter().all(|name| !names(&steering).contains(name)));
