@@ -10,7 +10,7 @@ mod sealing;
 mod stats;
 mod work;
 
-pub use options::{BakeOptions, RebakeOptions};
+pub use options::{BakeOptions, RebakeOptions, shades_of};
 pub use stats::{BakeStats, TileStats};
 
 use crate::engine::object::{Known, KnownLight, known_objects, object_keys, snapshot};

@@ -65,10 +65,12 @@ impl Shades {
     /// Names as written.
     pub const NAMES: [&'static str; 6] = ["binary", "gray2", "gray4", "gray6", "gray8", "gray"];
 
+    /// All of them, in the order of their names.
+    const ALL: [Shades; 6] = [Shades::Binary, Shades::Gray2, Shades::Gray4, Shades::Gray6, Shades::Gray8, Shades::Gray];
+
     /// By its name.
     pub fn named(name: &str) -> Option<Self> {
-        let all = [Shades::Binary, Shades::Gray2, Shades::Gray4, Shades::Gray6, Shades::Gray8, Shades::Gray];
-        Self::NAMES.iter().position(|known| *known == name).map(|at| all[at])
+        Self::ALL.into_iter().find(|all| all.name() == name)
     }
 
     /// Its name.
@@ -78,9 +80,7 @@ impl Shades {
 
     /// By the steps from closed to open of a chunk; `None`: binary.
     pub fn of_steps(steps: Option<u32>) -> Option<Self> {
-        [Shades::Binary, Shades::Gray2, Shades::Gray4, Shades::Gray6, Shades::Gray8, Shades::Gray]
-            .into_iter()
-            .find(|all| all.steps() == steps)
+        Self::ALL.into_iter().find(|all| all.steps() == steps)
     }
 
     /// Steps from closed to open; `None` of binary.

@@ -34,18 +34,17 @@ pub struct BakeOptions {
 impl BakeOptions {
     /// How finely an object's visibility is kept.
     pub fn shades_of(&self, object: u32) -> Shades {
-        self.visibility.get(object as usize).copied().unwrap_or_default()
+        shades_of(&self.visibility, object)
     }
 
     /// Face resolution and shades in words: "128 binary", and where objects differ how many have others, "128 binary + 3 gray6".
     pub fn directions_in_words(&self) -> String {
         let counts = self.shades_counted();
-        let first = counts.first().map_or(Shades::default(), |(shades, _)| *shades).name();
-        let rest: String = counts.iter().skip(1).map(|(shades, count)| format!(" + {count} {}", shades.name())).collect();
-        format!("{} {first}{rest}", self.face_resolution)
+        let rest: String = counts[1..].iter().map(|(shades, count)| format!(" + {count} {}", shades.name())).collect();
+        format!("{} {}{rest}", self.face_resolution, counts[0].0.name())
     }
 
-    /// Shades, and how many objects have them, the most first.
+    /// Shades, and how many objects have them, the most first; binary where there is no object.
     pub fn shades_counted(&self) -> Vec<(Shades, usize)> {
         let mut counts: Vec<(Shades, usize)> = Vec::new();
         for shades in (0..self.points.len()).map(|object| self.shades_of(object as u32)) {
@@ -53,6 +52,9 @@ impl BakeOptions {
                 Some((_, count)) => *count += 1,
                 None => counts.push((shades, 1)),
             }
+        }
+        if counts.is_empty() {
+            counts.push((Shades::default(), 0));
         }
         counts.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.name().cmp(b.0.name())));
         counts
@@ -82,4 +84,9 @@ impl RebakeOptions {
     pub fn wants(&self, object: usize) -> bool {
         self.only.as_ref().is_none_or(|only| only.get(object).copied().unwrap_or(false))
     }
+}
+
+/// An object's shades in a list that may be shorter than the objects are many: the others are binary.
+pub fn shades_of(visibility: &[Shades], object: u32) -> Shades {
+    visibility.get(object as usize).copied().unwrap_or_default()
 }

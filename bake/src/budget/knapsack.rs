@@ -49,8 +49,9 @@ impl Contest {
     }
 }
 
-/// Every candidate of every object, by edge length and then border, in the shades of each. Where an edge length is not allowed, the object is not traced at it: points are
-/// counted without borders, and the error is taken to be the least of those that are allowed, which can only help one setting for all.
+/// Every candidate of every object, by edge length and then border, in the shades of each. Where an edge length is not allowed, the object is not
+/// traced at it: points are counted without borders, and the error is taken to be the least of those that are allowed, which can only help one
+/// setting for all.
 ///
 /// # Errors
 /// A candidate that cannot be planned; [`BakeError::Cancelled`].

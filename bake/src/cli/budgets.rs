@@ -5,7 +5,6 @@ use super::loaded::Loaded;
 use super::read::read_environment;
 use super::{Context, Failure};
 use prelight_bake::budget::{ObjectError, Probes, Sums};
-use prelight_manifests::quality::Shades;
 use prelight_runtime::environment::Environment;
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -45,12 +44,12 @@ pub fn lines(loaded: &Loaded) -> Vec<String> {
     let met = choices.len() - declared.len();
     let options = &loaded.settings.options;
     let shades = options.shades_counted();
-    let others = shades.iter().skip(1).map(|(shades, objects)| format!(", on {objects} of them \"{}\"", shades.name()));
+    let others = shades[1..].iter().map(|(shades, objects)| format!(", on {objects} of them \"{}\"", shades.name()));
     let mut lines = vec![format!(
         "{met} of {} objects are expected to meet theirs, with face_resolution = {} and visibility = \"{}\"{}",
         choices.len(),
         options.face_resolution,
-        shades.first().map_or(Shades::default(), |(shades, _)| *shades).name(),
+        shades[0].0.name(),
         others.collect::<String>()
     )];
     for choice in declared.iter().take(LISTED) {
@@ -78,7 +77,8 @@ pub fn to_json(loaded: &Loaded) -> Vec<Value> {
         json!({
             "object": loaded.scene.objects[choice.object].name, "max_error": choice.budget, "predicted": choice.predicted,
             "at_points": choice.is_declared.then_some(choice.at_points), "edge_length": round(choice.params.edge_length), "points": choice.points,
-            "visibility": choice.shades.name(), "most_unrest": choice.params.most_unrest.is_finite().then_some(choice.params.most_unrest), "declared": choice.is_declared,
+            "most_unrest": choice.params.most_unrest.is_finite().then_some(choice.params.most_unrest), "visibility": choice.shades.name(),
+            "declared": choice.is_declared,
         })
     };
     loaded.settings.choices.iter().map(one).collect()

@@ -25,7 +25,6 @@ use crate::scene::world::World;
 use crate::scene::{Object, Scene};
 use crate::seal::base_chunk;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
-use prelight_manifests::quality::Shades;
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use prelight_store::{Chunk, ChunkSource, Record, Store, StoreError};
 use rayon::prelude::*;
@@ -273,7 +272,7 @@ pub fn snapshot(pieces: &Pieces, keys: &[Option<ObjectKey>]) -> Snapshot {
 
 /// What the shafts of an object's patches need to know of a bake.
 pub fn raster(options: &BakeOptions, object: u32) -> Raster {
-    Raster { face_resolution: options.face_resolution as usize, in_part: options.shades_of(object) != Shades::Binary }
+    Raster::new(options.face_resolution, options.shades_of(object))
 }
 
 /// `[objects]` what earlier bakes know of those that have a key and are `wanted`.

@@ -13,6 +13,7 @@
 //! Records are only ever a cache: with none at hand every tile is traced, and the bits are the same.
 
 use super::bits::PatchBits;
+use crate::bake::shades_of;
 use crate::error::BakeError;
 use crate::plan::key::{points_key, tile_key};
 use crate::plan::pieces::Pieces;
@@ -41,12 +42,12 @@ pub struct Shadowing<'a> {
 impl Shadowing<'_> {
     /// What the shafts of an object's patches need to know of the tracer.
     pub fn raster(&self, object: u32) -> Raster {
-        Raster { face_resolution: self.face_resolution as usize, in_part: self.steps(object).is_some() }
+        Raster::new(self.face_resolution, shades_of(self.shades, object))
     }
 
     /// Steps of an object's grayscale; `None` of binary.
     pub fn steps(&self, object: u32) -> Option<u32> {
-        self.shades.get(object as usize).copied().unwrap_or_default().steps()
+        shades_of(self.shades, object).steps()
     }
 }
 

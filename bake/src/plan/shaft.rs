@@ -13,6 +13,7 @@
 //! its rectangle a triangle covers nothing, whatever rounding does to its edges. Looser than the shadow of the boxes: a rectangle, not a hexagon.
 
 use crate::trace::predicate::{NEAR, PAD, SAMPLE_PAD};
+use prelight_manifests::quality::Shades;
 use prelight_runtime::sphere::cubemap::face_axes;
 
 /// Points of a box of origins: consecutive ones of a patch, which lie close together.
@@ -112,6 +113,11 @@ pub struct Raster {
 }
 
 impl Raster {
+    /// Of an object whose texels have these shades.
+    pub fn new(face_resolution: u32, shades: Shades) -> Self {
+        Raster { face_resolution: face_resolution as usize, in_part: shades != Shades::Binary }
+    }
+
     /// By how much rectangles are widened, texels.
     fn pad(self) -> f32 {
         if self.in_part { SAMPLE_PAD } else { PAD }

@@ -25,7 +25,8 @@ fn no_mode_is_listed_twice_or_without_a_bound() {
     assert_eq!(names.len(), MODES.len());
     for mode in MODES {
         assert!(!mode.limits.is_empty() && mode.limits.iter().all(|limit| limit.most >= 0.0 && limit.most.is_finite()), "{}", mode.name);
-        let none = Outcome { mode, found: Default::default() };
+        assert!(mode.limits.iter().all(|limit| (0.0..=limit.most).contains(&limit.most_reduced)), "{}", mode.name);
+        let none = Outcome { mode, found: Default::default(), sizes: Sizes::FULL };
         assert!(!none.holds(), "{}: without figures nothing is shown", mode.name);
     }
 }

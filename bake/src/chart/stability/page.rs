@@ -135,7 +135,7 @@ mod tests {
     fn the_page_shows_every_mode_and_which_fail() {
         let outcome = |i: usize| {
             let figures = MODES[i].limits.iter().map(|limit| if i == 2 { limit.most + 1.0 } else { limit.most }).collect();
-            Outcome { mode: &MODES[i], found: Found { figures, series: vec![0.5, 1.0, 0.2], pictures: None } }
+            Outcome { mode: &MODES[i], found: Found { figures, series: vec![0.5, 1.0, 0.2], pictures: None }, sizes: Sizes::FULL }
         };
         let outcomes: Vec<Outcome> = (0..MODES.len()).map(outcome).collect();
         let map = Found { figures: vec![2.0, 3.0, 4.0], series: vec![1.0, 2.0], pictures: Some([vec![1], vec![2]]) };
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn a_figure_that_is_missing_or_no_number_does_not_hold() {
         let mode = &MODES[0];
-        let with = |figures: Vec<f64>| Outcome { mode, found: Found { figures, ..Found::default() } }.holds();
+        let with = |figures: Vec<f64>| Outcome { mode, found: Found { figures, ..Found::default() }, sizes: Sizes::FULL }.holds();
         let kept: Vec<f64> = mode.limits.iter().map(|limit| limit.most).collect();
         assert!(with(kept.clone()) && !with(kept[1..].to_vec()) && !with(Vec::new()));
         assert!(!with(kept.iter().map(|_| f64::NAN).collect()));
