@@ -1,8 +1,10 @@
 //! One camera sample: the stack of surfaces in front of the eye, their direct light, and bounces.
 //!
 //! ```text
-//! L(x, v)  = Σ over both strategies  w·f(l, v)·n·l·V(l)·L_env(l) / p(l)   +   f·n·l / p_brdf · L(next hit)       (balance heuristic w)
+//! L(x, v)  = direct light ([`super::resample`])   +   f·n·l / p_brdf · L(next hit)
 //! ```
+//!
+//! For comparison by two directions, Σ over both strategies of w·f(l, v)·n·l·V(l)·L_env(l) / p(l) (balance heuristic w), or by one.
 //!
 //! V is n_s·l > 0 and nothing in the way; f is taken about the mapped normal. Emission is seen, not transported. The back of a
 //! single-sided surface is passed by the camera and black to every other ray. Roulette from the 4th bounce by the largest channel of
@@ -22,7 +24,7 @@ const LEAST_SHARE: f32 = 1e-4;
 /// Bounce from which paths may end at random.
 const ROULETTE_FROM: u32 = 4;
 /// Pairs of numbers that a shaded surface takes.
-const GROUPS_PER_SURFACE: u32 = 3;
+const GROUPS_PER_SURFACE: u32 = 4;
 
 /// Everything that a path reads.
 pub(super) struct Tracer<'a> {
@@ -47,10 +49,10 @@ pub(super) struct Seen {
 }
 
 /// State of one sample.
-struct Walk {
+pub(super) struct Walk {
     sequence: Sequence,
     next_group: u32,
-    rays: u64,
+    pub(super) rays: u64,
 }
 
 impl Walk {
@@ -122,13 +124,17 @@ impl Tracer<'_> {
         let mut throughput = [1.0; 3];
         for bounce in 0..=self.bounces {
             let groups = walk.groups();
-            if self.strategy != Strategy::Brdf {
-                let light = self.lit(&shading, view, groups, walk);
-                (0..3).for_each(|k| radiance[k] += throughput[k] * light[k]);
+            let [of_light, [u0, u1], [u2, roulette], [pick, _]] = [0, 1, 2, 3].map(|i| walk.sequence.pair(groups + i));
+            let l = shading.sample(view, [u0, u1, u2].map(narrow));
+            let light = match self.strategy {
+                Strategy::Resampled => self.resampled(&shading, view, l, of_light, pick, walk),
+                Strategy::Mis | Strategy::Light => self.lit(&shading, view, of_light, walk),
+                Strategy::Brdf => [0.0; 3],
+            };
+            (0..3).for_each(|k| radiance[k] += throughput[k] * light[k]);
+            if bounce == self.bounces && self.strategy == Strategy::Resampled {
+                break;
             }
-            let [u0, u1] = walk.sequence.pair(groups + 1).map(narrow);
-            let [u2, roulette] = walk.sequence.pair(groups + 2);
-            let l = shading.sample(view, [u0, u1, narrow(u2)]);
             let value = shading.eval(view, l);
             let pdf = f64::from(shading.pdf(view, l));
             if value == [0.0; 3] || pdf <= 0.0 || !pdf.is_finite() {
@@ -149,7 +155,7 @@ impl Tracer<'_> {
                 let weight = match self.strategy {
                     Strategy::Mis => pdf / (pdf + self.sampler.pdf(l)),
                     Strategy::Brdf => 1.0,
-                    Strategy::Light => 0.0,
+                    Strategy::Light | Strategy::Resampled => 0.0,
                 };
                 let sky = multiply(throughput, self.environment.radiance(l), weight);
                 radiance = add(radiance, sky);
@@ -173,8 +179,8 @@ impl Tracer<'_> {
     }
 
     /// Light from one direction drawn from the environment.
-    fn lit(&self, shading: &Shading, view: [f32; 3], group: u32, walk: &mut Walk) -> [f64; 3] {
-        let sample = self.sampler.sample(walk.sequence.pair(group));
+    fn lit(&self, shading: &Shading, view: [f32; 3], numbers: [f64; 2], walk: &mut Walk) -> [f64; 3] {
+        let sample = self.sampler.sample(numbers);
         let l = sample.direction;
         if dot(shading.normal, l) <= 0.0 {
             return [0.0; 3];

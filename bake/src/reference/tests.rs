@@ -123,9 +123,9 @@ fn strategies_agree_within_noise() {
     let environment = Environment::new(8, 4, pixels);
     let camera = look([0.0, 1.2, 2.5], [0.0, 0.5, 0.0], 45.0);
     for bounces in [0, 2] {
-        let [mis, light, brdf] = [Strategy::Mis, Strategy::Light, Strategy::Brdf]
+        let [resampled, mis, light, brdf] = [Strategy::Resampled, Strategy::Mis, Strategy::Light, Strategy::Brdf]
             .map(|strategy| render(&scene, &environment, &camera, &ReferenceOptions { bounces, strategy, ..options(12, 512) }));
-        for other in [&light, &brdf] {
+        for other in [&resampled, &light, &brdf] {
             let difference = (mean(&mis.image) - mean(&other.image)).abs();
             // Noise of a mean over the frame, from the halves: Σ(a − b)² estimates four times the variance of the mean of both.
             let variance = |images: &ReferenceImages| {
@@ -138,6 +138,7 @@ fn strategies_agree_within_noise() {
             assert!(sigma < 0.01 * mean(&mis.image), "the test must be able to see one per cent: {sigma}");
         }
         assert!(mis.noise.unwrap() <= brdf.noise.unwrap().max(light.noise.unwrap()));
+        assert!(resampled.noise.unwrap() < mis.noise.unwrap());
     }
 }
 

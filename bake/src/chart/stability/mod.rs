@@ -45,8 +45,8 @@ pub struct Sizes {
 impl Sizes {
     /// For tests: seconds.
     pub const REDUCED: Sizes = Sizes { frames: 5, size: [64, 36], samples: 64, sweep: 48, drift: 2_000 };
-    /// For the page: minutes.
-    pub const FULL: Sizes = Sizes { frames: 200, size: [96, 54], samples: 64, sweep: 720, drift: 100_000 };
+    /// For the page: minutes. Fewer samples show the flicker of the path tracer, not ours.
+    pub const FULL: Sizes = Sizes { frames: 200, size: [96, 54], samples: 256, sweep: 720, drift: 100_000 };
 }
 
 /// A figure of a mode and the most that it may be.
