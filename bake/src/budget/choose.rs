@@ -107,7 +107,7 @@ pub fn choose(
             let gray = Tracing::new(occluders, probes, &solids, params[object].edge_length, gray);
             if pinned[object].is_none()
                 && shades == Shades::Binary
-                && let Some(better) = in_gray(&mut question, &gray, &known, &found, &at_points, budget)?
+                && let Some(better) = in_gray(&mut question, &gray, &known, &found, &at_points, budget, progress)?
             {
                 (found, shades) = (better, GRAY);
                 at_points = if found.meets(budget) { Sums::default() } else { question.point_error_in(&gray) };

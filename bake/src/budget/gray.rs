@@ -21,6 +21,7 @@ use super::candidates::{Candidate, MARGIN, Question};
 use super::measure::Sums;
 use super::traced::Tracing;
 use crate::error::BakeError;
+use crate::progress::{Progress, check};
 use prelight_manifests::quality::Shades;
 
 /// What objects are asked for again in.
@@ -38,7 +39,7 @@ const NEAR_FLOOR: f64 = 1.25;
 /// `at_points`: what bits lose at the places themselves.
 ///
 /// # Errors
-/// A candidate that cannot be planned.
+/// A candidate that cannot be planned; [`BakeError::Cancelled`], asked for before each: one takes seconds.
 pub(super) fn in_gray(
     question: &mut Question,
     gray: &Tracing,
@@ -46,9 +47,13 @@ pub(super) fn in_gray(
     found: &Candidate,
     at_points: &Sums,
     budget: f64,
+    progress: &dyn Progress,
 ) -> Result<Option<Candidate>, BakeError> {
     let promised: Vec<(Candidate, f64)> = known.iter().map(|(candidate, sums)| (*candidate, rest(sums, at_points))).collect();
-    walk(&promised, found, budget, |candidate| question.in_shades(candidate, gray))
+    walk(&promised, found, budget, |candidate| {
+        check(progress)?;
+        question.in_shades(candidate, gray)
+    })
 }
 
 /// What is left of an error without what is lost at the places themselves.

@@ -6,6 +6,9 @@
 //!
 //! T: exposure of the first true frame for the whole sequence, clamp, sRGB curve. All true frames have the same seed, so their noise turns with
 //! the light and mostly cancels. Over pixels that are surface in both frames.
+//!
+//! Where it does not cancel, what flickers is the path tracer: a frame whose percentile is beyond [`MOST_JUMP`] times the median frame's is traced once
+//! more with [`CLOSER`] times the samples, it and the one before, and that is its figure.
 
 use super::{Bench, Found, scenes};
 use crate::chart::Motion;
@@ -18,13 +21,20 @@ use crate::chart::views::orbited;
 use crate::error::BakeError;
 use crate::progress::{Silent, Stage, check};
 use crate::reference::{ReferenceOptions, render_reference};
+use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::{OccluderOptions, Occluders};
 use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::draw::camera::Camera;
+use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::tonemap::automatic_exposure;
 use prelight_runtime::environment::{Environment, LightCubemap, sky};
 use prelight_runtime::relight::Relighter;
+
+/// Of the worst frame, in units of the median frame.
+pub const MOST_JUMP: f64 = 3.0;
+/// Samples of frames beyond it, in units of the others'.
+const CLOSER: u32 = 16;
 
 /// A sun a third of the way up, ahead and to the right.
 fn day() -> Environment {
@@ -50,63 +60,115 @@ pub fn moving_view(bench: &Bench) -> Result<Found, BakeError> {
     pictures(bench, &day(), Motion::View, 0.25)
 }
 
+/// A sequence of frames of the still life.
+struct Sequence<'a> {
+    scene: &'a Scene,
+    world: World,
+    occluders: Occluders,
+    relighter: Relighter<'a>,
+    environment: &'a Environment,
+    motion: Motion,
+    step_deg: f64,
+    options: ReferenceOptions,
+}
+
+/// A frame as drawn, as traced, and what both know as surface.
+struct Frame {
+    ours: Image,
+    truth: Image,
+    mask: Vec<bool>,
+}
+
+impl<'a> Sequence<'a> {
+    fn new(bench: &'a Bench, environment: &'a Environment, motion: Motion, step_deg: f64) -> Result<Self, BakeError> {
+        let (scene, asset) = bench.still_life()?;
+        let world = World::build(scene);
+        let occluders = Occluders::build(&world, &scene.textures, OccluderOptions { leaf_size: 16, ..OccluderOptions::default() });
+        let [width, height] = bench.sizes.size;
+        let options = ReferenceOptions {
+            width,
+            height,
+            samples_per_pixel: bench.sizes.samples,
+            edge_lengths: scenes::options(scene, 0.025).points.iter().map(|params| params.edge_length).collect(),
+            ..ReferenceOptions::default()
+        };
+        Ok(Sequence { scene, world, occluders, relighter: Relighter::new(asset), environment, motion, step_deg, options })
+    }
+
+    /// A frame, traced with so many times the samples.
+    fn frame(&mut self, index: usize, closer: u32) -> Result<Frame, BakeError> {
+        let turn = self.step_deg * index as f64;
+        let (light, eye) = match self.motion {
+            Motion::Light => (self.environment.clone().with_rotation(self.environment.rotate_y_deg + turn), camera()?),
+            _ => (self.environment.clone(), orbited(&camera()?, turn, 1.0)),
+        };
+        let options = ReferenceOptions { samples_per_pixel: closer * self.options.samples_per_pixel, ..self.options.clone() };
+        self.relighter.set_light(&LightCubemap::from_environment(&light, 64).0);
+        let view = self.relighter.view(&eye, [options.width, options.height], 16)?;
+        self.relighter.shade(eye.eye, Some(&view.points));
+        let ours = self.relighter.draw(&view, &|_| [0.0; 3], false)?;
+        let truth = render_reference(self.scene, &self.world, &self.occluders, &light, &eye, &options, &Silent)?;
+        let mask = ours.mask.iter().zip(&truth.mask).map(|(a, b)| *a && *b).collect();
+        Ok(Frame { ours: ours.image, truth: truth.image, mask })
+    }
+}
+
+/// Temporal error of each pixel that is surface in both frames.
+fn between(before: &Frame, now: &Frame, exposure: f32) -> Vec<Option<f32>> {
+    let change = |of: &dyn Fn(&Frame) -> &Image| -> Vec<[f32; 3]> {
+        let [now, before] = [now, before].map(|frame| display(of(frame), exposure));
+        now.iter().zip(before).map(|(now, before)| std::array::from_fn(|c| now[c] - before[c])).collect()
+    };
+    let error = steps(&change(&|frame| &frame.ours), &change(&|frame| &frame.truth));
+    error.into_iter().enumerate().map(|(i, error)| (now.mask[i] && before.mask[i]).then_some(error)).collect()
+}
+
+fn percentile(errors: &[Option<f32>]) -> f64 {
+    temporal(errors.iter().flatten().copied().collect()).map_or(0.0, |[p999, _]| p999)
+}
+
+fn median(series: &[f64]) -> f64 {
+    let mut sorted = series.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
 /// 99.9th percentile, maximum, and the worst frame's percentile in units of the median frame's; the percentile frame by frame.
 pub(super) fn pictures(bench: &Bench, environment: &Environment, motion: Motion, step_deg: f64) -> Result<Found, BakeError> {
-    let (scene, asset) = bench.still_life()?;
-    let world = World::build(scene);
-    let occluders = Occluders::build(&world, &scene.textures, OccluderOptions { leaf_size: 16, ..OccluderOptions::default() });
-    let [width, height] = bench.sizes.size;
-    let options = ReferenceOptions {
-        width,
-        height,
-        samples_per_pixel: bench.sizes.samples,
-        edge_lengths: scenes::options(scene, 0.025).points.iter().map(|params| params.edge_length).collect(),
-        ..ReferenceOptions::default()
-    };
-    let mut relighter = Relighter::new(asset);
+    let mut sequence = Sequence::new(bench, environment, motion, step_deg)?;
     let stage = Stage::begin(bench.progress, "frames", Some(bench.sizes.frames as u64), "frames");
-    let (mut exposure, mut last) = (None, None);
-    let (mut all, mut series, mut worst) = (Vec::new(), Vec::new(), None);
-    for frame in 0..bench.sizes.frames {
+    let mut before = sequence.frame(0, 1)?;
+    let exposure = automatic_exposure(&before.truth, &before.mask);
+    stage.advance(1);
+    let (mut shown, mut errors) = (Vec::new(), Vec::new());
+    for index in 1..bench.sizes.frames {
         check(bench.progress)?;
-        let turn = step_deg * frame as f64;
-        let (light, eye) = match motion {
-            Motion::Light => (environment.clone().with_rotation(environment.rotate_y_deg + turn), camera()?),
-            _ => (environment.clone(), orbited(&camera()?, turn, 1.0)),
-        };
-        if motion == Motion::Light || frame == 0 {
-            relighter.set_light(&LightCubemap::from_environment(&light, 64).0);
-        }
-        let view = relighter.view(&eye, bench.sizes.size, 16)?;
-        relighter.shade(eye.eye, Some(&view.points));
-        let ours = relighter.draw(&view, &|_| [0.0; 3], false)?;
-        let truth = render_reference(scene, &world, &occluders, &light, &eye, &options, &Silent)?;
-        let exposure = *exposure.get_or_insert_with(|| automatic_exposure(&truth.image, &truth.mask));
-        let mask: Vec<bool> = ours.mask.iter().zip(&truth.mask).map(|(a, b)| *a && *b).collect();
-        let now = (display(&ours.image, exposure), display(&truth.image, exposure), mask);
-        if let Some((before, true_before, mask_before)) = last.replace(now.clone()) {
-            let change = |now: &[[f32; 3]], before: &[[f32; 3]]| -> Vec<[f32; 3]> {
-                now.iter().zip(before).map(|(now, before)| std::array::from_fn(|c| now[c] - before[c])).collect()
-            };
-            let mut error = steps(&change(&now.0, &before), &change(&now.1, &true_before));
-            let is_inside = |i: usize| now.2[i] && mask_before[i];
-            let inside: Vec<f32> = (0..error.len()).filter(|i| is_inside(*i)).map(|i| error[i]).collect();
-            (0..error.len()).filter(|i| !is_inside(*i)).for_each(|i| error[i] = 0.0);
-            let p999 = temporal(inside.clone()).map_or(0.0, |[p999, _]| p999);
-            if worst.as_ref().is_none_or(|(most, _)| p999 > *most) {
-                worst = Some((p999, [thumbnail(&ours.image, exposure)?, error_picture(&error, bench.sizes.size)?]));
-            }
-            series.push(p999);
-            all.extend(inside);
-        }
+        let now = sequence.frame(index, 1)?;
+        errors.push(between(&before, &now, exposure));
+        shown.push(std::mem::replace(&mut before, now).ours);
         stage.advance(1);
     }
-    let [p999, max] = temporal(all).unwrap_or([f64::NAN; 2]);
-    let mut sorted = series.clone();
-    sorted.sort_by(f64::total_cmp);
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN);
-    let jump = sorted.last().copied().unwrap_or(f64::NAN) / median;
-    Ok(Found { figures: vec![p999, max, jump], series, pictures: worst.map(|(_, pictures)| pictures) })
+    shown.push(before.ours);
+    drop(stage);
+    let mut series: Vec<f64> = errors.iter().map(|errors| percentile(errors)).collect();
+    let median = median(&series);
+    let beyond: Vec<usize> = (0..series.len()).filter(|i| series[*i] > MOST_JUMP * median).collect();
+    let stage = Stage::begin(bench.progress, "frames beyond", Some(beyond.len() as u64), "frames");
+    for i in beyond {
+        check(bench.progress)?;
+        errors[i] = between(&sequence.frame(i, CLOSER)?, &sequence.frame(i + 1, CLOSER)?, exposure);
+        series[i] = percentile(&errors[i]);
+        stage.advance(1);
+    }
+    drop(stage);
+    let [p999, max] = temporal(errors.iter().flatten().flatten().copied().collect()).unwrap_or([f64::NAN; 2]);
+    let worst = (0..series.len()).max_by(|a, b| series[*a].total_cmp(&series[*b]));
+    let picture = |i: usize| -> Result<[Vec<u8>; 2], BakeError> {
+        let error: Vec<f32> = errors[i].iter().map(|error| error.unwrap_or(0.0)).collect();
+        Ok([thumbnail(&shown[i + 1], exposure)?, error_picture(&error, bench.sizes.size)?])
+    };
+    let jump = worst.map_or(f64::NAN, |i| series[i] / median);
+    Ok(Found { figures: vec![p999, max, jump], pictures: worst.map(picture).transpose()?, series })
 }
 
 /// See [`super::MODES`].
