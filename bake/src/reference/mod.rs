@@ -4,8 +4,8 @@
 //! pixel = mean over samples, uniform in the pixel (box filter), of the radiance along the camera ray
 //! ```
 //!
-//! - The environment is constant over each source pixel, sampled by luminance × solid angle and by the BRDF, a few directions of which
-//!   two are traced (`resample`); nothing is clamped.
+//! - The environment is constant over each source pixel, sampled by luminance × solid angle, combined with sampling of the BRDF
+//!   by the balance heuristic, or both by `resample`; nothing is clamped.
 //! - Normals, sides, ray origins ([`crate::plan::origin`]), opacity and BRDF are those of bake and draw: open means n_s·ω > 0 and no
 //!   blocker. MASK cuts, BLEND is drawn over what is behind with its alpha, single-sided back faces are not seen and still block.
 //! - Clay: Lambert [`prelight_runtime::draw::shade::CLAY_ALBEDO`] on both sides, no textures, normal maps or emission, opacity kept.
@@ -48,11 +48,11 @@ const ON_TARGET: f32 = 1e-3;
 /// How directions to the light are found. All have the same mean; the single ones are there to check the combination.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Strategy {
-    /// A few from both, of which two are asked whether they are open.
-    #[default]
-    Resampled,
     /// One from each, by the balance heuristic.
+    #[default]
     Mis,
+    /// A few from both, of which two are asked whether they are open: for open scenes under lamps.
+    Resampled,
     /// From the environment alone.
     Light,
     /// From the BRDF alone.
@@ -93,7 +93,7 @@ impl Default for ReferenceOptions {
             seed: 0,
             noise_target: None,
             edge_lengths: Vec::new(),
-            strategy: Strategy::Resampled,
+            strategy: Strategy::Mis,
         }
     }
 }

@@ -1,10 +1,10 @@
 //! One camera sample: the stack of surfaces in front of the eye, their direct light, and bounces.
 //!
 //! ```text
-//! L(x, v)  = direct light ([`super::resample`])   +   f·n·l / p_brdf · L(next hit)
+//! L(x, v)  = Σ over both strategies  w·f(l, v)·n·l·V(l)·L_env(l) / p(l)   +   f·n·l / p_brdf · L(next hit)       (balance heuristic w)
 //! ```
 //!
-//! For comparison by two directions, Σ over both strategies of w·f(l, v)·n·l·V(l)·L_env(l) / p(l) (balance heuristic w), or by one.
+//! or with direct light by [`super::resample`], or, for comparison, by one strategy.
 //!
 //! V is n_s·l > 0 and nothing in the way; f is taken about the mapped normal. Emission is seen, not transported. The back of a
 //! single-sided surface is passed by the camera and black to every other ray. Roulette from the 4th bounce by the largest channel of

@@ -20,7 +20,7 @@ use crate::chart::thumbnail::{display, error_picture, steps, thumbnail};
 use crate::chart::views::orbited;
 use crate::error::BakeError;
 use crate::progress::{Silent, Stage, check};
-use crate::reference::{ReferenceOptions, render_reference};
+use crate::reference::{ReferenceOptions, Strategy, render_reference};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::{OccluderOptions, Occluders};
@@ -90,6 +90,7 @@ impl<'a> Sequence<'a> {
             height,
             samples_per_pixel: bench.sizes.samples,
             edge_lengths: scenes::options(scene, 0.025).points.iter().map(|params| params.edge_length).collect(),
+            strategy: Strategy::Resampled,
             ..ReferenceOptions::default()
         };
         Ok(Sequence { scene, world, occluders, relighter: Relighter::new(asset), environment, motion, step_deg, options })
