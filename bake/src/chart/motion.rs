@@ -171,19 +171,22 @@ fn row_of(pixels: &[[f32; 3]]) -> Image {
     Image { width: pixels.len(), height: 1, pixels: pixels.to_vec() }
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+/// The middle one, the upper of two; 0 of none.
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// What a picture has more than the last one.
+pub(super) fn change(now: &[[f32; 3]], last: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    now.iter().zip(last).map(|(now, last)| std::array::from_fn(|c| now[c] - last[c])).collect()
 }
 
 impl State {
     fn compare(&mut self, compared: Compared, exposure: f32) {
         let now = [0, 1].map(|i: usize| display(&row_of(&compared[i]), exposure));
         if let Some(last) = self.last.take() {
-            let delta = |i: usize| -> Vec<[f32; 3]> {
-                now[i].iter().zip(&last[i]).map(|(now, last)| std::array::from_fn(|c| now[c] - last[c])).collect()
-            };
-            self.temporal.extend(steps(&delta(0), &delta(1)));
+            self.temporal.extend(steps(&change(&now[0], &last[0]), &change(&now[1], &last[1])));
         }
         self.last = Some(now);
         self.all.iter_mut().zip(compared).for_each(|(all, frame)| all.extend(frame));

@@ -185,8 +185,7 @@ impl Tracer<'_> {
         if dot(shading.normal, l) <= 0.0 {
             return [0.0; 3];
         }
-        let value = shading.eval(view, l);
-        let light: [f64; 3] = std::array::from_fn(|k| f64::from(value[k]) * f64::from(sample.radiance[k]));
+        let light = reflected(shading, view, l, sample.radiance);
         if light == [0.0; 3] {
             return light;
         }
@@ -200,6 +199,12 @@ impl Tracer<'_> {
         };
         light.map(|c| c * weight)
     }
+}
+
+/// f n·l L toward `view` of a radiance that comes along `l`, whatever is in its way.
+pub(super) fn reflected(shading: &Shading, view: [f32; 3], l: [f32; 3], radiance: [f32; 3]) -> [f64; 3] {
+    let value = shading.eval(view, l);
+    std::array::from_fn(|k| f64::from(value[k]) * f64::from(radiance[k]))
 }
 
 fn add(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

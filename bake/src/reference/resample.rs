@@ -17,7 +17,7 @@
 //! equal samples. So it is asked for where scenes are open.
 
 use super::hit::Shading;
-use super::path::{Tracer, Walk};
+use super::path::{Tracer, Walk, reflected};
 use prelight_runtime::sphere::frame::dot;
 
 /// Candidates drawn from the environment.
@@ -63,8 +63,7 @@ impl Tracer<'_> {
             if dot(shading.normal, direction) <= 0.0 {
                 continue;
             }
-            let value = shading.eval(view, direction);
-            candidate.light = std::array::from_fn(|k| f64::from(value[k]) * f64::from(radiance[k]));
+            candidate.light = reflected(shading, view, direction, radiance);
             candidate.target = candidate.light.iter().sum();
             if candidate.target > 0.0 {
                 total += candidate.target / (FROM_LIGHT as f64 * p_light + f64::from(shading.pdf(view, direction)));

@@ -13,7 +13,7 @@
 use super::{Bench, Found, scenes};
 use crate::chart::Motion;
 use crate::chart::measure::sample;
-use crate::chart::motion::{measure_moving, temporal};
+use crate::chart::motion::{change, measure_moving, median, temporal};
 use crate::chart::prepared::Tables;
 use crate::chart::technique::Technique;
 use crate::chart::thumbnail::{display, error_picture, steps, thumbnail};
@@ -93,7 +93,9 @@ impl<'a> Sequence<'a> {
             strategy: Strategy::Resampled,
             ..ReferenceOptions::default()
         };
-        Ok(Sequence { scene, world, occluders, relighter: Relighter::new(asset), environment, motion, step_deg, options })
+        let mut relighter = Relighter::new(asset);
+        relighter.set_light(&LightCubemap::from_environment(environment, 64).0);
+        Ok(Sequence { scene, world, occluders, relighter, environment, motion, step_deg, options })
     }
 
     /// A frame, traced with so many times the samples.
@@ -104,7 +106,9 @@ impl<'a> Sequence<'a> {
             _ => (self.environment.clone(), orbited(&camera()?, turn, 1.0)),
         };
         let options = ReferenceOptions { samples_per_pixel: closer * self.options.samples_per_pixel, ..self.options.clone() };
-        self.relighter.set_light(&LightCubemap::from_environment(&light, 64).0);
+        if self.motion == Motion::Light {
+            self.relighter.set_light(&LightCubemap::from_environment(&light, 64).0);
+        }
         let view = self.relighter.view(&eye, [options.width, options.height], 16)?;
         self.relighter.shade(eye.eye, Some(&view.points));
         let ours = self.relighter.draw(&view, &|_| [0.0; 3], false)?;
@@ -116,22 +120,13 @@ impl<'a> Sequence<'a> {
 
 /// Temporal error of each pixel that is surface in both frames.
 fn between(before: &Frame, now: &Frame, exposure: f32) -> Vec<Option<f32>> {
-    let change = |of: &dyn Fn(&Frame) -> &Image| -> Vec<[f32; 3]> {
-        let [now, before] = [now, before].map(|frame| display(of(frame), exposure));
-        now.iter().zip(before).map(|(now, before)| std::array::from_fn(|c| now[c] - before[c])).collect()
-    };
-    let error = steps(&change(&|frame| &frame.ours), &change(&|frame| &frame.truth));
+    let change_of = |of: fn(&Frame) -> &Image| change(&display(of(now), exposure), &display(of(before), exposure));
+    let error = steps(&change_of(|frame| &frame.ours), &change_of(|frame| &frame.truth));
     error.into_iter().enumerate().map(|(i, error)| (now.mask[i] && before.mask[i]).then_some(error)).collect()
 }
 
 fn percentile(errors: &[Option<f32>]) -> f64 {
     temporal(errors.iter().flatten().copied().collect()).map_or(0.0, |[p999, _]| p999)
-}
-
-fn median(series: &[f64]) -> f64 {
-    let mut sorted = series.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// 99.9th percentile, maximum, and the worst frame's percentile in units of the median frame's; the percentile frame by frame.
@@ -152,7 +147,7 @@ pub(super) fn pictures(bench: &Bench, environment: &Environment, motion: Motion,
     shown.push(before.ours);
     drop(stage);
     let mut series: Vec<f64> = errors.iter().map(|errors| percentile(errors)).collect();
-    let median = median(&series);
+    let median = median(series.clone());
     let beyond: Vec<usize> = (0..series.len()).filter(|i| series[*i] > MOST_JUMP * median).collect();
     let stage = Stage::begin(bench.progress, "frames beyond", Some(beyond.len() as u64), "frames");
     for i in beyond {
