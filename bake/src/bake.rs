@@ -10,7 +10,7 @@ mod sealing;
 mod stats;
 mod work;
 
-pub use options::{BakeOptions, RebakeOptions, shades_of};
+pub use options::{BakeOptions, Paranoid, RebakeOptions};
 pub use stats::{BakeStats, TileStats};
 
 use crate::engine::object::{Known, KnownLight, known_objects, object_keys, snapshot};
@@ -28,17 +28,14 @@ use crate::scene::world::World;
 use crate::seal::{self, SceneChunks};
 use crate::trace::{OccluderOptions, Occluders};
 use prelight_manifests::Digest;
-use prelight_manifests::asset::{AssetContent, AssetObject};
-use prelight_store::{ShardWriter, Store};
+use prelight_manifests::asset::{AssetContent, AssetManifest, AssetObject};
+use prelight_store::Store;
 use rayon::prelude::*;
 use sealing::Sealing;
 use stats::Clock;
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use work::{ObjectWork, trace_missing};
-
-/// Rounds of splitting at most: each halves an edge, and the area floor ends it sooner. Before them as many in which points that others stand in
-/// for are baked.
-pub(crate) const MAX_ROUNDS: usize = 6;
 
 /// Triangles of a leaf of the tree that paths are traced through.
 const PATH_LEAF: usize = 16;
@@ -52,6 +49,16 @@ pub struct Baked {
     pub asset_digest: Digest,
     /// How it went.
     pub stats: BakeStats,
+}
+
+impl Baked {
+    /// Publishes the bake: its manifest goes into the store and gets a root. The file that the user sees is the caller's to write.
+    ///
+    /// # Errors
+    /// What the store says.
+    pub fn seal(&self, report: BTreeMap<String, serde_json::Value>, store: &Store) -> Result<AssetManifest, BakeError> {
+        seal::seal(self.content.clone(), self.asset_digest, report, store)
+    }
 }
 
 /// Bakes a scene into a store. Resumes by itself: what the ledger knows is not traced again.
@@ -289,9 +296,4 @@ fn bake_batch(
     }
     stats.points_made += work.iter().map(ObjectWork::n_points).sum::<u64>();
     Ok(())
-}
-
-/// Publishes a shard; returns the bytes that it took on disk.
-pub(crate) fn commit(writer: ShardWriter) -> Result<u64, BakeError> {
-    Ok(writer.commit()?.bytes_stored)
 }

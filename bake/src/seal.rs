@@ -1,18 +1,12 @@
 //! Sealing: the chunks that belong to the scene as a whole, the manifest, and the file that the user sees.
 
-use crate::bake::{Baked, commit};
 use crate::error::BakeError;
 use crate::scene::world::World;
-use crate::scene::{Mesh, Object, Primitive, Scene};
+use crate::scene::Scene;
 use prelight_manifests::asset::{self, AssetContent, AssetManifest};
-use prelight_manifests::{ChunkKind, Descriptor, Dtype, version};
-use prelight_runtime::asset::base::{self, BasePrimitive};
-use prelight_runtime::asset::{Asset, AssetObject};
-use prelight_runtime::surface::Texture;
-use prelight_store::{ChunkSource, Store};
-use std::borrow::Cow;
+use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype, version};
+use prelight_store::Store;
 use std::collections::{BTreeMap, HashSet};
-use std::sync::Arc;
 
 /// Materials, textures, cameras, names: so that an asset never needs its source again.
 pub(crate) struct SceneChunks {
@@ -44,7 +38,7 @@ impl SceneChunks {
             let shape = table.grid().iter().map(|n| *n as u64).chain([3]).collect();
             brdfs.push(writer.put(ChunkKind::Brdf, Dtype::F32, shape, &table.to_chunk())?);
         }
-        let bytes_stored = commit(writer)?;
+        let bytes_stored = writer.commit()?.bytes_stored;
         Ok(SceneChunks { materials, textures, brdfs, cameras, names, bytes_stored })
     }
 
@@ -63,79 +57,6 @@ impl SceneChunks {
     }
 }
 
-/// The base chunk of a mesh.
-pub(crate) fn base_chunk(mesh: &Mesh) -> Vec<u8> {
-    let primitives: Vec<BasePrimitive> = (mesh.primitives.iter())
-        .map(|primitive| BasePrimitive {
-            positions: &primitive.positions,
-            triangles: &primitive.triangles,
-            material: primitive.material,
-            normals: primitive.normals.as_deref(),
-            tangents: primitive.tangents.as_deref(),
-            uvs: [primitive.uvs[0].as_deref(), primitive.uvs[1].as_deref()],
-            colors: primitive.colors.as_deref(),
-        })
-        .collect();
-    base::to_chunk(&primitives)
-}
-
-fn owned(primitive: BasePrimitive) -> Primitive {
-    Primitive {
-        positions: primitive.positions.to_vec(),
-        triangles: primitive.triangles.to_vec(),
-        material: primitive.material,
-        normals: primitive.normals.map(<[_]>::to_vec),
-        tangents: primitive.tangents.map(<[_]>::to_vec),
-        uvs: primitive.uvs.map(|uv| uv.map(<[_]>::to_vec)),
-        colors: primitive.colors.map(<[_]>::to_vec),
-    }
-}
-
-/// The scene that an asset was baked from, from its chunks alone.
-pub fn scene_from_asset(asset: &Asset) -> Scene {
-    let object = |(i, object): (usize, &AssetObject)| Object {
-        name: object.name.clone(),
-        mesh: Arc::new(Mesh { primitives: asset.base(i).into_iter().map(owned).collect() }),
-        world_from_local: object.world_from_local,
-    };
-    let textures = asset.textures().into_iter().map(|texture| Texture { texels: Cow::Owned(texture.texels.into_owned()), ..texture });
-    Scene {
-        objects: asset.objects.iter().enumerate().map(object).collect(),
-        materials: asset.materials().to_vec(),
-        textures: textures.collect(),
-        tables: asset.tables().to_vec(),
-        cameras: asset.cameras().to_vec(),
-        ..Scene::default()
-    }
-}
-
-/// Geometry and opacity of the scene that an asset was baked from, read from the few chunks that hold them: what a later scene is compared
-/// with. An asset of some objects only gives those.
-///
-/// # Errors
-/// A chunk that is missing, corrupt, or not what the manifest calls it.
-pub fn occluding_scene(content: &AssetContent, store: &dyn ChunkSource) -> Result<Scene, BakeError> {
-    let unreadable = |error: serde_json::Error| BakeError::Unsupported {
-        what: format!("the asset's materials cannot be read: {error}"),
-        help: "it was written by another version of prelight; bake again".to_string(),
-    };
-    let materials = serde_json::from_slice(&store.chunk(&content.materials)?).map_err(unreadable)?;
-    let mut textures = Vec::with_capacity(content.textures.len());
-    for descriptor in &content.textures {
-        let chunk = store.chunk(descriptor)?;
-        let texture = Texture::from_chunk(&chunk)?;
-        textures.push(Texture { texels: Cow::Owned(texture.texels.into_owned()), ..texture });
-    }
-    let mut objects = Vec::with_capacity(content.objects.len());
-    for object in &content.objects {
-        let chunk = store.chunk(&object.base)?;
-        let primitives = base::from_chunk(&chunk)?.into_iter().map(owned).collect();
-        let (name, world_from_local) = (object.name.clone(), object.world_from_local);
-        objects.push(Object { name, mesh: Arc::new(Mesh { primitives }), world_from_local });
-    }
-    Ok(Scene { objects, materials, textures, ..Scene::default() })
-}
-
 /// Plain bytes of every chunk, each counted once.
 pub(crate) fn resident_bytes(content: &AssetContent) -> u64 {
     let mut seen = HashSet::new();
@@ -143,10 +64,14 @@ pub(crate) fn resident_bytes(content: &AssetContent) -> u64 {
 }
 
 /// Publishes a finished bake: the manifest goes into the store and gets a root. The file that the user sees is the caller's to write.
-pub fn seal(baked: &Baked, report: BTreeMap<String, serde_json::Value>, store: &Store) -> Result<AssetManifest, BakeError> {
-    let content = baked.content.clone();
-    let manifest = AssetManifest { format: version::ASSET_FORMAT, asset_digest: baked.asset_digest, content, report };
-    store.seal(baked.asset_digest, manifest.to_text().as_bytes())?;
+pub fn seal(
+    content: AssetContent,
+    asset_digest: Digest,
+    report: BTreeMap<String, serde_json::Value>,
+    store: &Store,
+) -> Result<AssetManifest, BakeError> {
+    let manifest = AssetManifest { format: version::ASSET_FORMAT, asset_digest, content, report };
+    store.seal(asset_digest, manifest.to_text().as_bytes())?;
     Ok(manifest)
 }
 

@@ -10,7 +10,6 @@ use prelight_bake::bake::{BakeOptions, Baked, RebakeOptions, bake};
 use prelight_bake::plan::PointParams;
 use prelight_bake::progress::Silent;
 use prelight_bake::scene::{Mesh, Object, Scene};
-use prelight_bake::seal::seal;
 use prelight_bake::trace::TreeQuality;
 use prelight_manifests::{Digest, Quality};
 use prelight_runtime::surface::Material;
@@ -50,7 +49,7 @@ fn options(scene: &Scene) -> BakeOptions {
 
 fn bake_and_seal(scene: &Scene, store: &Store) -> Baked {
     let baked = bake(scene, &options(scene), store, &Silent).expect("the scene bakes");
-    seal(&baked, BTreeMap::new(), store).expect("the asset is sealed");
+    baked.seal(BTreeMap::new(), store).expect("the asset is sealed");
     baked
 }
 

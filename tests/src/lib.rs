@@ -30,6 +30,6 @@ pub fn baked_asset(scene: &Scene, edge_length: f32) -> Asset {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let baked = bake_into(scene, &options(scene, edge_length), folder.path());
     let store = Store::open(folder.path()).expect("just written");
-    let manifest = prelight_bake::seal::seal(&baked, Default::default(), &store).expect("room on the disk");
+    let manifest = baked.seal(Default::default(), &store).expect("room on the disk");
     Asset::open(manifest, &store).expect("just sealed")
 }

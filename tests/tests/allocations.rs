@@ -1,7 +1,7 @@
 //! A frame allocates nothing: light changes, eye moves, points are shaded in buffers that are there.
 #![allow(unsafe_code)]
 
-use prelight_bake::seal;
+
 use prelight_runtime::asset::Asset;
 use prelight_runtime::environment::{LightCubemap, sky};
 use prelight_runtime::relight::Relighter;
@@ -39,7 +39,7 @@ fn a_frame_with_a_new_light_and_a_new_eye_allocates_nothing_on_one_thread() {
     let scene = still_life();
     let baked = bake_into(&scene, &options(&scene, 0.05), folder.path());
     let store = Store::open(folder.path()).unwrap();
-    let asset = Asset::open(seal::seal(&baked, Default::default(), &store).unwrap(), &store).unwrap();
+    let asset = Asset::open(baked.seal(Default::default(), &store).unwrap(), &store).unwrap();
     let (noon, _) = LightCubemap::from_environment(&sky([0.3, 0.8, 0.2]), 64);
     let (evening, _) = LightCubemap::from_environment(&sky([0.9, 0.2, 0.2]), 64);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();

@@ -2,7 +2,6 @@
 
 use prelight_bake::bake::BakeOptions;
 use prelight_bake::scene::{Primitive, Scene};
-use prelight_bake::seal::seal;
 use prelight_manifests::Digest;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::mesh::Lit;
@@ -43,7 +42,7 @@ fn baked(scene: &Scene, options: &BakeOptions) -> Asset {
     let folder = tempfile::tempdir().unwrap();
     let baked = bake_into(scene, options, folder.path());
     let store = Store::open(folder.path()).unwrap();
-    Asset::open(seal(&baked, Default::default(), &store).unwrap(), &store).unwrap()
+    Asset::open(baked.seal(Default::default(), &store).unwrap(), &store).unwrap()
 }
 
 fn draw(asset: &Asset, clay: bool) -> Frame {

@@ -2,7 +2,8 @@
 
 use prelight_bake::bake::bake;
 use prelight_bake::progress::StopAfter;
-use prelight_bake::{BakeError, seal};
+use prelight_bake::BakeError;
+use prelight_bake::scene::chunks::scene_from_asset;
 use prelight_store::Store;
 use prelight_tests::{bake_into, cuboid, options, scene, still_life};
 
@@ -58,10 +59,10 @@ fn an_asset_holds_its_scene() {
     let options = options(&scene, 0.1);
     let baked = bake_into(&scene, &options, folder.path());
     let store = Store::open(folder.path()).unwrap();
-    let manifest = seal::seal(&baked, Default::default(), &store).unwrap();
+    let manifest = baked.seal(Default::default(), &store).unwrap();
     assert_eq!(store.roots().unwrap().len(), 1);
     let asset = prelight_runtime::asset::Asset::open(manifest, &store).unwrap();
-    let back = seal::scene_from_asset(&asset);
+    let back = scene_from_asset(&asset);
     let again = bake_into(&back, &options, &folder.path().join("again"));
     assert_eq!(again.content.objects, baked.content.objects, "a rebake needs nothing but the asset");
 }

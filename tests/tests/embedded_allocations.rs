@@ -38,7 +38,7 @@ fn packed(path: &Path) {
     let scene = still_life();
     let baked = bake_into(&scene, &options(&scene, 0.05), folder.path());
     let store = Store::open(folder.path()).unwrap();
-    let manifest = prelight_bake::seal::seal(&baked, Default::default(), &store).unwrap();
+    let manifest = baked.seal(Default::default(), &store).unwrap();
     let mut writer = AssetPackWriter::create(path, manifest.to_text().as_bytes()).unwrap();
     for descriptor in manifest.content.descriptors() {
         let is_hot = !matches!(descriptor.kind, ChunkKind::Materials | ChunkKind::Cameras | ChunkKind::Names | ChunkKind::Base);

@@ -224,7 +224,7 @@ fn tiny() -> (String, Vec<(ChunkKind, Vec<u8>)>) {
     let folder = tempfile::tempdir().unwrap();
     let baked = prelight_tests::bake_into(&scene, &prelight_tests::options(&scene, 0.5), folder.path());
     let store = Store::open(folder.path()).unwrap();
-    let manifest = prelight_bake::seal::seal(&baked, Default::default(), &store).unwrap();
+    let manifest = baked.seal(Default::default(), &store).unwrap();
     let chunks = manifest.content.descriptors().map(|d| (d.kind, prelight_store::ChunkSource::chunk(&store, d).unwrap().to_vec()));
     (manifest.to_text(), chunks.collect())
 }

@@ -7,7 +7,6 @@ use prelight_bake::refine::angular::ViewOptions;
 use prelight_bake::refine::mesh::MeshOptions;
 use prelight_bake::scene::Scene;
 use prelight_bake::scene::world::World;
-use prelight_bake::seal::seal;
 use prelight_bake::trace::{OccluderOptions, Occluders};
 use prelight_bake::vmf_transfer::transfer::TransferOptions;
 use prelight_manifests::Technique;
@@ -61,7 +60,7 @@ fn open(scene: &Scene, options: &BakeOptions) -> (Asset, prelight_bake::bake::Ba
     let folder = tempfile::tempdir().unwrap();
     let baked = bake_into(scene, options, folder.path());
     let store = Store::open(folder.path()).unwrap();
-    let manifest = seal(&baked, Default::default(), &store).unwrap();
+    let manifest = baked.seal(Default::default(), &store).unwrap();
     (Asset::open(manifest, &store).unwrap(), baked.stats)
 }
 

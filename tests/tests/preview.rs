@@ -7,7 +7,6 @@ use prelight_bake::refine::angular::ViewOptions;
 use prelight_bake::refine::mesh::MeshOptions;
 use prelight_bake::scene::world::World;
 use prelight_bake::scene::{Primitive, Scene};
-use prelight_bake::seal::seal;
 use prelight_bake::vmf_transfer::transfer::TransferOptions;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::mesh::Lit;
@@ -66,7 +65,7 @@ fn previews_are_valid_coarse_and_part_of_the_same_bake() {
     assert_eq!(baked.stats.tiles, expected.stats.tiles, "nothing is traced twice");
     assert!(!previews.is_empty());
 
-    let open = |baked: &Baked| Asset::open(seal(baked, Default::default(), &store).unwrap(), &store).unwrap();
+    let open = |baked: &Baked| Asset::open(baked.seal(Default::default(), &store).unwrap(), &store).unwrap();
     let finished = open(&baked);
     let reference = draw(&finished);
     let known: HashSet<_> = baked.content.objects.iter().flat_map(|object| &object.patches).map(|patch| patch.visibility.digest).collect();

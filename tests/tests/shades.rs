@@ -2,7 +2,6 @@
 
 use prelight_bake::bake::BakeOptions;
 use prelight_bake::scene::Scene;
-use prelight_bake::seal::seal;
 use prelight_manifests::quality::Shades;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::draw::camera::Camera;
@@ -26,7 +25,7 @@ fn baked(scene: &Scene, visibility: Vec<Shades>) -> Asset {
     let folder = tempfile::tempdir().unwrap();
     let baked = bake_into(scene, &BakeOptions { visibility, ..options(scene, 0.2) }, folder.path());
     let store = Store::open(folder.path()).unwrap();
-    Asset::open(seal(&baked, Default::default(), &store).unwrap(), &store).unwrap()
+    Asset::open(baked.seal(Default::default(), &store).unwrap(), &store).unwrap()
 }
 
 /// Light of an object's points: irradiance, and both glossy terms.

@@ -1,7 +1,7 @@
 //! What decides a bake, besides the scene.
 
 use crate::budget::Probes;
-use crate::engine::threads::Paranoid;
+use crate::engine::patch::shades_of;
 use crate::plan::PointParams;
 use crate::trace::TreeQuality;
 use crate::vmf_transfer::transfer::TransferOptions;
@@ -86,7 +86,11 @@ impl RebakeOptions {
     }
 }
 
-/// An object's shades in a list that may be shorter than the objects are many: the others are binary.
-pub fn shades_of(visibility: &[Shades], object: u32) -> Shades {
-    visibility.get(object as usize).copied().unwrap_or_default()
+/// How much of what is taken from the store is traced again, to be sure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Paranoid {
+    /// Tiles a patch.
+    pub tiles: u32,
+    /// Which ones: another seed, others.
+    pub seed: u64,
 }

@@ -1,6 +1,5 @@
 //! Sealing the objects of a batch: their chunks, their part of the manifest, and the records by which a later bake takes them over whole.
 
-use super::commit;
 use super::options::BakeOptions;
 use super::stats::BakeStats;
 use super::work::{ObjectWork, trace_missing};
@@ -17,7 +16,7 @@ use crate::plan::surface::point_surfaces;
 use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::World;
-use crate::seal::base_chunk;
+use crate::scene::chunks::base_chunk;
 use crate::trace::Occluders;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
 use prelight_manifests::{ChunkKind, Dtype, Technique};
@@ -137,7 +136,7 @@ impl Sealing<'_> {
                 waiting += n as usize;
                 if waiting >= POINTS_PER_SHARD && before.is_none() {
                     check(self.progress)?;
-                    stats.bytes_stored += commit(std::mem::replace(&mut writer, self.store.writer()))?;
+                    stats.bytes_stored += std::mem::replace(&mut writer, self.store.writer()).commit()?.bytes_stored;
                     waiting = 0;
                 }
             }
@@ -174,7 +173,7 @@ impl Sealing<'_> {
             stats.count(&made, &counts);
             sealed.push(made);
         }
-        stats.bytes_stored += commit(writer)?;
+        stats.bytes_stored += writer.commit()?.bytes_stored;
         Ok(sealed)
     }
 }

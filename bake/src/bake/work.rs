@@ -1,6 +1,5 @@
 //! The objects of a batch while they are worked on: traced, and split where neighbours differ.
 
-use super::MAX_ROUNDS;
 use super::options::BakeOptions;
 use super::stats::BakeStats;
 use crate::budget::{Drawn, ObjectError, PLACES, Places, Probes, measure_baked};
@@ -15,6 +14,7 @@ use crate::plan::shaft::OriginBoxes;
 use crate::plan::surface::point_surfaces;
 use crate::plan::{ObjectPlan, PointParams};
 use crate::refine::border::{Breaks, Seen};
+use crate::refine::differing::MAX_ROUNDS;
 use crate::refine::edge::Answers;
 use crate::refine::split_differing;
 use crate::refine::visibility_difference::{OpenBits, is_same};

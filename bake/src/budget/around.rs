@@ -15,10 +15,10 @@
 
 use super::places::{Place, Places};
 use super::traced::Tracing;
-use crate::bake::MAX_ROUNDS;
 use crate::plan::origin::area_normal;
 use crate::plan::params::PlanError;
 use crate::plan::{ObjectPlan, PointParams};
+use crate::refine::differing::MAX_ROUNDS;
 use crate::refine::border::{Breaks, Seen};
 use crate::refine::edge::Answers;
 use crate::refine::{Refined, RefinedTriangle, split_differing};

@@ -7,9 +7,8 @@ use super::output::{check_writable, write_atomically};
 use super::{Context, ExitCode, Failure, Summary, budgets, reasons};
 use clap::Args;
 use prelight_bake::bake::{Baked, OnPreview, bake_with_previews};
-use prelight_bake::engine::threads::Paranoid;
+use prelight_bake::bake::Paranoid;
 use prelight_bake::scene::overrides::matching_objects;
-use prelight_bake::seal::seal;
 use prelight_store::Store;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -172,7 +171,7 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, star
         }
         report.insert("errors".to_string(), measured.into());
     }
-    let manifest = seal(&baked, report, &store)?;
+    let manifest = baked.seal(report, &store)?;
     write_atomically(&asset, |out| out.write_all(manifest.to_text().as_bytes()))?;
     Ok(summary)
 }
@@ -190,7 +189,7 @@ fn show_preview(
     let mut report = report(&summary, loaded, asset, folder);
     report.insert("knobs".to_string(), loaded.knobs.to_json());
     report.insert("preview".to_string(), true.into());
-    let manifest = seal(baked, report, store)?;
+    let manifest = baked.seal(report, store)?;
     write_atomically(asset, |out| out.write_all(manifest.to_text().as_bytes()))?;
     let seconds = start.elapsed().as_secs_f64();
     let (points, name) = (baked.stats.points, asset.display());

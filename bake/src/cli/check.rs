@@ -49,7 +49,7 @@ pub fn run(args: CheckArgs, context: &Context) -> Result<Summary, Failure> {
         }
     }
     let found = findings(&input, &scene, &world, &settings.options.points, context.progress())?;
-    let estimate = estimate(&scene, &world, &settings, context.jobs, context.progress())?;
+    let estimate = estimate(&scene, &world, (&settings.options, &settings.points), context.jobs, context.progress())?;
     context.reporter.end_stage();
     tell(&found, context);
 

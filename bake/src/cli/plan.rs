@@ -38,7 +38,7 @@ pub struct PlanArgs {
 pub fn run(args: PlanArgs, context: &Context) -> Result<Summary, Failure> {
     let mut loaded = Loaded::open(&args.scene.scene, args.output.as_deref(), &args.knobs, context)?;
     RebakeArgs { only: args.only.clone(), ..RebakeArgs::default() }.apply(&mut loaded)?;
-    let estimate = estimate(&loaded.scene, &loaded.world, &loaded.settings, context.jobs, context.progress())?;
+    let estimate = estimate(&loaded.scene, &loaded.world, (&loaded.settings.options, &loaded.settings.points), context.jobs, context.progress())?;
     let objects: Vec<(&str, u64)> =
         loaded.scene.objects.iter().map(|object| object.name.as_str()).zip(estimate.points.iter().copied()).collect();
     let mut summary = Summary::new();

@@ -6,7 +6,7 @@ use super::read::{parse_asset, read};
 use prelight_bake::BakeError;
 use prelight_bake::plan::changes::{Reason, StalePatch, changes, reasons};
 use prelight_bake::scene::world::World;
-use prelight_bake::seal::occluding_scene;
+use prelight_bake::scene::chunks::occluding_scene;
 use prelight_store::Store;
 use serde_json::{Value, json};
 use std::path::Path;

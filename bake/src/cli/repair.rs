@@ -11,7 +11,6 @@ use super::opened_store::{check_store, open_store};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_bake::bake::bake_counted;
-use prelight_bake::seal::seal;
 use prelight_manifests::{AssetManifest, Digest};
 use prelight_store::{CheckOptions, Root, Store, StoreError};
 use serde_json::{Value, json};
@@ -120,6 +119,6 @@ fn mend(store: &Store, root: &Root, args: &RepairArgs, context: &Context) -> Res
             format!("{} gives another asset now ({}): the scene or its knobs have changed", scene.display(), baked.asset_digest.short());
         return Err(Failure::text(ExitCode::Found, text));
     }
-    seal(&baked, report, store)?;
+    baked.seal(report, store)?;
     Ok(())
 }

@@ -7,7 +7,7 @@ use prelight_bake::chart::truth::KeptReference;
 use prelight_bake::reference::{ReferenceImages, ReferenceOptions, render_reference, render_targets};
 use prelight_bake::scene::Scene;
 use prelight_bake::scene::world::World;
-use prelight_bake::seal::scene_from_asset;
+use prelight_bake::scene::chunks::scene_from_asset;
 use prelight_bake::trace::{OccluderOptions, Occluders};
 use prelight_manifests::Digest;
 use prelight_runtime::asset::Asset;

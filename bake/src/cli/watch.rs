@@ -4,6 +4,7 @@
 //! the system tells is only a reason to look: files count as changed when their length, time or identity did, so reading or indexing
 //! them starts nothing. A save in the middle of a bake stops it; the next one takes over what is done.
 
+mod fingerprint;
 mod inputs;
 
 use super::args::{BakeKnobs, SceneArgs};
@@ -13,7 +14,7 @@ use super::reporter::clock;
 use super::{Context, ExitCode, Failure, Summary, complain, interrupt};
 use clap::Args;
 use inputs::{Inputs, Wait};
-use prelight_bake::scene::change::Fingerprint;
+use fingerprint::Fingerprint;
 use prelight_bake::scene::input::SceneInput;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};

@@ -23,7 +23,7 @@ use crate::plan::shaft::Raster;
 use crate::plan::snapshot::{Snapshot, Source};
 use crate::scene::world::World;
 use crate::scene::{Object, Scene};
-use crate::seal::base_chunk;
+use crate::scene::chunks::base_chunk;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use prelight_store::{Chunk, ChunkSource, Record, Store, StoreError};

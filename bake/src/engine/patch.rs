@@ -13,7 +13,6 @@
 //! Records are only ever a cache: with none at hand every tile is traced, and the bits are the same.
 
 use super::bits::PatchBits;
-use crate::bake::shades_of;
 use crate::error::BakeError;
 use crate::plan::key::{points_key, tile_key};
 use crate::plan::pieces::Pieces;
@@ -49,6 +48,11 @@ impl Shadowing<'_> {
     pub fn steps(&self, object: u32) -> Option<u32> {
         shades_of(self.shades, object).steps()
     }
+}
+
+/// An object's shades in a list that may be shorter than the objects are many: the others are binary.
+pub fn shades_of(visibility: &[Shades], object: u32) -> Shades {
+    visibility.get(object as usize).copied().unwrap_or_default()
 }
 
 /// A patch about to be looked up.

@@ -10,7 +10,7 @@ use super::edit::EditOccluders;
 use super::light::{LightPatch, PatchReach};
 use super::object::KnownPatch;
 use super::patch::{Candidate, PatchInputs, Resolution, Resolved, Shadowing, false_hit, resolve};
-use crate::bake::commit;
+use crate::bake::Paranoid;
 use crate::error::BakeError;
 use crate::plan::buried::{Boxes, BuriedProbe, Meets, Verdict, local_edge};
 use crate::plan::key::{BlindPoint, buried_key, buried_question};
@@ -71,15 +71,6 @@ pub struct Outcome {
     pub patches: Vec<PatchResult>,
     /// Bytes added to the store.
     pub bytes_stored: u64,
-}
-
-/// How much of what is taken from the store is traced again, to be sure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Paranoid {
-    /// Tiles a patch.
-    pub tiles: u32,
-    /// Which ones: another seed, others.
-    pub seed: u64,
 }
 
 /// Everything that tracing reads.
@@ -397,5 +388,5 @@ fn parse_buried(data: &[u8]) -> Option<(f64, Digest, &[u8])> {
 
 /// Publishes shards as they come; gives the bytes that they took.
 fn publish_all(waiting: Receiver<ShardWriter>) -> Result<u64, BakeError> {
-    waiting.into_iter().try_fold(0, |bytes, writer| Ok(bytes + commit(writer)?))
+    waiting.into_iter().try_fold(0, |bytes, writer| Ok(bytes + writer.commit()?.bytes_stored))
 }

@@ -8,7 +8,6 @@
 //! Paths cross the whole scene, so its geometry and materials are in every key: right, not yet sharp. A record's data is the noise of each point's
 //! slices, f32, which refinement of the mesh reads ([`crate::refine::mesh`]). Once paths record the lattice cells that they crossed, those follow.
 
-use crate::bake::commit;
 use crate::error::BakeError;
 use crate::plan::surface::ObjectSurfaces;
 use crate::plan::{ObjectPlan, Patch};
@@ -16,7 +15,7 @@ use crate::progress::{Progress, Stage, check};
 use crate::refine::mesh::{End, Made, is_coarse};
 use crate::scene::Scene;
 use crate::scene::world::World;
-use crate::seal::base_chunk;
+use crate::scene::chunks::base_chunk;
 use crate::trace::Occluders;
 use crate::trace::path::PathTracer;
 use crate::vmf_transfer::transfer::{PointWork, TransferOptions, bake_point};
@@ -262,7 +261,7 @@ impl<'a> TransferBaker<'a> {
         let chunk = Chunk::from_plain(&Transfer::to_chunk(&points));
         let descriptor = writer.put(ChunkKind::Transfer, Dtype::U8, shape, &chunk)?;
         writer.record(key, Record { chunks: vec![descriptor.clone()], data: noise.iter().flat_map(|x| x.to_le_bytes()).collect() });
-        stats.bytes_stored = commit(writer)?;
+        stats.bytes_stored = writer.commit()?.bytes_stored;
         Ok((PatchTransfer { descriptor, chunk, noise }, stats))
     }
 

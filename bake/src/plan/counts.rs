@@ -12,7 +12,6 @@ use super::PointParams;
 use super::key::Hasher;
 use super::params::PlanError;
 use super::weld::BaseMesh;
-use crate::bake::commit;
 use crate::error::BakeError;
 use crate::refine::{PointCount, count_object, longest_edge};
 use crate::scene::world::World;
@@ -73,7 +72,10 @@ impl Counts {
                 any = true;
             }
         }
-        if any { commit(writer).map(drop) } else { Ok(()) }
+        if any {
+            writer.commit()?;
+        }
+        Ok(())
     }
 
     fn row(&self, object: usize, name: [u8; 16], count: impl FnOnce() -> PointCount) -> PointCount {

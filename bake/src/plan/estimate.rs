@@ -14,7 +14,6 @@ use crate::error::BakeError;
 use crate::progress::{Progress, Stage};
 use crate::scene::Scene;
 use crate::scene::world::World;
-use crate::settings::Settings;
 use crate::trace::{OccluderOptions, Occluders, Scratch, TraceOrigin};
 use prelight_manifests::quality::Shades;
 use prelight_runtime::block_product::visibility::open_words;
@@ -70,11 +69,17 @@ impl Estimate {
     }
 }
 
-/// Traces a few of the points that were counted.
-pub fn estimate(scene: &Scene, world: &World, settings: &Settings, jobs: usize, progress: &dyn Progress) -> Result<Estimate, BakeError> {
+/// Traces a few of the `points`, `[objects]`, that were counted.
+pub fn estimate(
+    scene: &Scene,
+    world: &World,
+    (options, points): (&BakeOptions, &[u64]),
+    jobs: usize,
+    progress: &dyn Progress,
+) -> Result<Estimate, BakeError> {
     let _stage = Stage::begin(progress, "plan", None, "points");
     let start = Instant::now();
-    let (options, mut points) = (&settings.options, settings.points.clone());
+    let mut points = points.to_vec();
     let left_out = |(object, _): &(usize, &mut u64)| !options.rebake.wants(*object);
     points.iter_mut().enumerate().filter(left_out).for_each(|(_, count)| *count = 0);
     let total: u64 = points.iter().sum();

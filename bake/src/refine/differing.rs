@@ -7,6 +7,10 @@ use crate::plan::patch::FIRST_LEAK_LEVEL;
 use crate::plan::points::ObjectPlan;
 use prelight_runtime::asset::mesh::NO_POINT;
 
+/// Rounds of splitting at most: each halves an edge, and the area floor ends it sooner. Before them as many in which points that others stand in
+/// for are baked.
+pub(crate) const MAX_ROUNDS: usize = 6;
+
 /// One more round: splits the edges for whose ends `differs` holds and that are above the area floor.
 ///
 /// `differs(i, j)` is asked for points of the object on the same side, the smaller index first; it should hold where the open

@@ -5,7 +5,7 @@
 
 mod accessor;
 mod assemble;
-pub mod change;
+pub mod chunks;
 mod document;
 mod draco;
 mod error;

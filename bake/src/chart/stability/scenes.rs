@@ -111,5 +111,5 @@ pub fn options(scene: &Scene, edge_length: f32) -> BakeOptions {
 pub fn baked(scene: &Scene, edge_length: f32, folder: &Path, progress: &dyn Progress) -> Result<Asset, BakeError> {
     let store = Store::open_or_create(folder)?;
     let baked = bake(scene, &options(scene, edge_length), &store, progress)?;
-    Ok(Asset::open(crate::seal::seal(&baked, Default::default(), &store)?, &store)?)
+    Ok(Asset::open(baked.seal(Default::default(), &store)?, &store)?)
 }

@@ -1,9 +1,9 @@
-//! What became of a scene's objects between two readings, by name.
+//! A scene's objects by name, and what became of them between two readings.
 //!
 //! A fingerprint holds digests, not geometry, so that two versions of a large scene need no memory for two.
 
-use super::{Mesh, Object, Scene};
-use crate::plan::PointParams;
+use prelight_bake::scene::{Mesh, Object, Scene};
+use prelight_bake::plan::PointParams;
 use prelight_runtime::surface::Material;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -110,17 +110,13 @@ fn shape_digest(mesh: &Mesh) -> Digest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::test_scenes::{cuboid, scene};
+    use prelight_bake::chart::stability::scenes::{cuboid, scene};
     use prelight_manifests::Quality;
 
     #[test]
     fn every_kind_of_change_is_told_by_name_and_nothing_else() {
-        let mut before = scene();
-        for (k, name) in ["Box", "Lamp", "Sofa", "Table"].into_iter().enumerate() {
-            let mesh = Arc::new(Mesh { primitives: vec![cuboid([0.0; 3], [1.0 + k as f32; 3], false, 0)] });
-            let world_from_local = std::array::from_fn(|i| if i % 5 == 0 { 1.0 } else { 0.0 });
-            before.objects.push(Object { name: name.into(), mesh, world_from_local });
-        }
+        let names = ["Box", "Lamp", "Sofa", "Table"];
+        let before = scene(names.iter().enumerate().map(|(k, name)| (*name, cuboid([0.0; 3], [1.0 + k as f32; 3], 0))).collect());
         let params = |scene: &Scene| vec![PointParams::new(&Quality::Medium.knobs(), 0.1); scene.objects.len()];
         let print = |scene: &Scene| Fingerprint::new(scene, &params(scene));
         let changes = |after: &Scene| -> Vec<(&'static str, Vec<String>)> { print(&before).changes(&print(after)) };
