@@ -15,7 +15,7 @@ use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::ray::Ray;
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
-use prelight_bake::block_product::visibility::encode;
+use prelight_bake::block_product::visibility::encode::encode;
 use prelight_bake::scene::gltf::{LoadLimits, load};
 use prelight_bake::scene::world::{Occlusion, World};
 use prelight_bake::trace::{OccluderOptions, Occluders, Scratch, TraceOrigin, TreeQuality, horizon};

@@ -11,7 +11,7 @@
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn, Matrix, Vector};
-use prelight_bake::fit::slice::{Estimator, SliceLobe, fit_slice};
+use prelight_bake::vmf_transfer::fit::slice::{Estimator, SliceLobe, fit_slice};
 use prelight_runtime::brdf::Lobe;
 use prelight_runtime::sphere::icosahedron::Icosahedron;
 use prelight_runtime::sphere::vmf::{chord_squared, eval, mean_cosine};

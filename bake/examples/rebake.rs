@@ -14,15 +14,16 @@
 mod edits;
 
 use edits::{Edit, Random, apply, size};
-use prelight_bake::bake::{BakeOptions, Baked, bake};
-use prelight_bake::engine::patch::{PatchInputs, Shadowing, stale_tiles};
+use prelight_bake::bake::{Baked, bake};
+use prelight_bake::block_product::visibility::patch::{PatchInputs, Shadowing, stale_tiles};
+use prelight_bake::cost::counts::Counts;
 use prelight_bake::engine::threads::candidates;
-use prelight_bake::plan::counts::Counts;
-use prelight_bake::plan::layer::{MAX_LAYERS, layers};
-use prelight_bake::plan::pieces::Pieces;
-use prelight_bake::plan::plan_object;
-use prelight_bake::plan::tile::TileTable;
+use prelight_bake::options::BakeOptions;
+use prelight_bake::points::plan_object;
 use prelight_bake::progress::Silent;
+use prelight_bake::reach::layer::{MAX_LAYERS, layers};
+use prelight_bake::reach::pieces::Pieces;
+use prelight_bake::reach::tile::TileTable;
 use prelight_bake::scene::Scene;
 use prelight_bake::scene::input::SceneInput;
 use prelight_bake::scene::world::World;

@@ -1,32 +1,31 @@
 //! The bake: **plan, run, seal**.
 //!
 //! Objects are worked on in batches that fit the memory limit. Within a batch, rounds alternate between tracing the patches that have
-//! no visibility yet and splitting the edges whose ends see different things ([`crate::refine::split_differing`]), until nothing is split.
+//! no visibility yet and splitting the edges whose ends see different things ([`crate::points::differing::split_differing`]), until nothing is split.
 //! An object's chunks depend on the object, its knobs and on what can block light; never on the batch, the shard, the thread or the order,
 //! so any limit and any number of threads give the same digest.
 
-mod options;
 mod sealing;
 mod stats;
 mod work;
 
-pub use options::{BakeOptions, Paranoid, RebakeOptions};
+pub use crate::options::{BakeOptions, Paranoid, RebakeOptions};
 pub use stats::{BakeStats, TileStats};
 
-use crate::engine::object::{Known, KnownLight, known_objects, object_keys, snapshot};
-use crate::engine::patch::Shadowing;
+use crate::block_product::visibility::patch::Shadowing;
 use crate::engine::threads::Tracer;
-use crate::engine::transfer::TransferBaker;
 use crate::error::BakeError;
-use crate::plan::buried::BuriedProbe;
-use crate::plan::layer::{MAX_LAYERS, layers};
-use crate::plan::pieces::Pieces;
-use crate::plan::plan_object;
+use crate::points::buried::BuriedProbe;
+use crate::points::plan_object;
 use crate::progress::{Progress, Stage, check};
+use crate::reach::layer::{MAX_LAYERS, layers};
+use crate::reach::pieces::Pieces;
+use crate::reuse::object::{Known, KnownLight, known_objects, object_keys, snapshot};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::seal::{self, SceneChunks};
 use crate::trace::{OccluderOptions, Occluders};
+use crate::vmf_transfer::baker::TransferBaker;
 use prelight_manifests::Digest;
 use prelight_manifests::asset::{AssetContent, AssetManifest, AssetObject};
 use prelight_store::Store;
@@ -134,10 +133,10 @@ pub fn bake_with_previews(
         _ if !missing[object] => Ok(0),
         (Some(known), _) => Ok(known.light.patches.iter().map(|patch| u64::from(patch.n_points)).sum()),
         (None, Some(counts)) => Ok(counts[object]),
-        (None, None) => crate::plan::estimate::count_object_points(scene, world, &options.points, object),
+        (None, None) => crate::cost::estimate::count_object_points(scene, world, &options.points, object),
     };
     let counts: Vec<u64> = (0..missing.len()).into_par_iter().map(count).collect::<Result<_, _>>()?;
-    let batches = crate::plan::estimate::batches(world, &counts, options.memory, rayon::current_num_threads())?;
+    let batches = crate::cost::estimate::batches(world, &counts, options.memory, rayon::current_num_threads())?;
     clock.lap("plan");
 
     if missing.contains(&true) {

@@ -20,7 +20,7 @@ mod thin;
 mod unused;
 
 use crate::error::BakeError;
-use crate::plan::PointParams;
+use crate::mesh::PointParams;
 use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::input::SceneInput;

@@ -1,6 +1,5 @@
 //! What can go wrong in a bake, one variant per thing that a user can act on.
 
-use crate::plan::PlanError;
 use crate::scene::SceneError;
 use prelight_manifests::{ByteSize, ManifestError};
 use prelight_runtime::error::RuntimeError;
@@ -95,4 +94,29 @@ impl From<SceneError> for BakeError {
     fn from(error: SceneError) -> Self {
         BakeError::Scene(Box::new(error))
     }
+}
+
+/// Why points could not be planned.
+#[derive(Clone, Debug, thiserror::Error, PartialEq)]
+pub enum PlanError {
+    /// A parameter makes no sense.
+    #[error("{field} = {value}, expected {expected}")]
+    Range {
+        /// Name of the parameter.
+        field: &'static str,
+        /// What it was.
+        value: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+    /// Refinement would not end within the limit.
+    #[error("object '{object}' needs more than {limit} triangles at an edge length of {edge_length} m; help: use a larger edge_length")]
+    TooManyTriangles {
+        /// Name of the object.
+        object: String,
+        /// The limit.
+        limit: u32,
+        /// What was asked for.
+        edge_length: f32,
+    },
 }

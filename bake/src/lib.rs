@@ -1,18 +1,40 @@
 //! Bakes light transport: **plan, run, seal, check**. Opens no window and never prints; progress goes through a trait.
+//!
+//! The folders are floors: each imports only from those above it in this list.
+//!
+//! | folder | holds |
+//! |---|---|
+//! | `error`, `progress` | what can go wrong; how work is told of and stopped |
+//! | [`mesh`] | an object's mesh: welded, and refined edge by edge |
+//! | [`trace`] | everything that casts rays |
+//! | [`reach`] | what can be seen from where: pieces, tiles, keys, and what an edit reaches |
+//! | [`points`] | points and patches of an object |
+//! | [`block_product`], [`vmf_transfer`] | what belongs to one technique |
+//! | [`budget`] | the fewest points that keep to a budget of error |
+//! | [`options`] | what decides a bake |
+//! | [`cost`] | points counted, memory and time estimated |
+//! | [`reuse`] | what an earlier bake knows |
+//! | [`engine`] | who runs the shards |
+//! | [`seal`], [`bake`] | the bake and its manifest |
+//! | [`settings`] | from scene.toml to options |
+//! | [`reference`](mod@reference), [`check`] | the path tracer; what will look wrong |
 
 pub mod bake;
 pub mod block_product;
 pub mod budget;
 pub mod chart;
 pub mod check;
+pub mod cost;
 pub mod demo;
 pub mod engine;
 pub mod error;
-pub mod fit;
-pub mod plan;
+pub mod mesh;
+pub mod options;
+pub mod points;
 pub mod progress;
+pub mod reach;
 pub mod reference;
-pub mod refine;
+pub mod reuse;
 pub mod scene;
 pub mod seal;
 pub mod settings;

@@ -1,8 +1,8 @@
 //! Sealing: the chunks that belong to the scene as a whole, the manifest, and the file that the user sees.
 
 use crate::error::BakeError;
-use crate::scene::world::World;
 use crate::scene::Scene;
+use crate::scene::world::World;
 use prelight_manifests::asset::{self, AssetContent, AssetManifest};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype, version};
 use prelight_store::Store;

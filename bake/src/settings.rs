@@ -1,19 +1,19 @@
 //! From a scene manifest and the command line's knobs to what a bake is decided by.
 
-use crate::bake::{BakeOptions, RebakeOptions};
 use crate::budget::{Choice, Directions, choose};
+use crate::cost::counts::{Counter, Counts};
+use crate::cost::density::density_of;
+use crate::cost::estimate::count_points_of;
 use crate::error::BakeError;
-use crate::plan::PointParams;
-use crate::plan::counts::{Counter, Counts};
-use crate::plan::density::density_of;
-use crate::plan::estimate::count_points_of;
+use crate::mesh::PointParams;
+use crate::options::{BakeOptions, RebakeOptions};
 use crate::progress::Progress;
-use crate::refine::angular::ViewOptions;
-use crate::refine::mesh::MeshOptions;
 use crate::scene::Scene;
 use crate::scene::overrides::ObjectKnobs;
 use crate::scene::world::World;
 use crate::trace::{OccluderOptions, Occluders, TreeQuality};
+use crate::vmf_transfer::angular::ViewOptions;
+use crate::vmf_transfer::edges::MeshOptions;
 use crate::vmf_transfer::transfer::{MOST_PATHS, TransferOptions};
 use prelight_manifests::quality::{BvhBuild, Quality, Shades};
 use prelight_manifests::{SceneManifest, Technique};

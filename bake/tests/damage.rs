@@ -6,8 +6,9 @@
 mod boxes;
 
 use boxes::cuboid;
-use prelight_bake::bake::{BakeOptions, Baked, RebakeOptions, bake};
-use prelight_bake::plan::PointParams;
+use prelight_bake::bake::{Baked, bake};
+use prelight_bake::mesh::PointParams;
+use prelight_bake::options::{BakeOptions, RebakeOptions};
 use prelight_bake::progress::Silent;
 use prelight_bake::scene::{Mesh, Object, Scene};
 use prelight_bake::trace::TreeQuality;

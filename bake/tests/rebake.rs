@@ -4,16 +4,18 @@
 mod edits;
 
 use edits::{ALL, Edit, Random, apply};
-use prelight_bake::bake::{BakeOptions, Baked, RebakeOptions, bake};
-use prelight_bake::engine::bits::PatchBits;
-use prelight_bake::engine::patch::{PatchInputs, Resolution, Shadowing, resolve, stale_tiles};
-use prelight_bake::bake::Paranoid;
-use prelight_bake::engine::threads::candidates;
-use prelight_bake::plan::layer::{MAX_LAYERS, layers};
-use prelight_bake::plan::pieces::Pieces;
-use prelight_bake::plan::stale::find_stale;
-use prelight_bake::plan::{PointParams, plan_object};
+use prelight_bake::bake::{Baked, bake};
+use prelight_bake::block_product::visibility::bits::PatchBits;
+use prelight_bake::block_product::visibility::patch::candidates;
+use prelight_bake::block_product::visibility::patch::{PatchInputs, Resolution, Shadowing, resolve, stale_tiles};
+use prelight_bake::mesh::PointParams;
+use prelight_bake::options::Paranoid;
+use prelight_bake::options::{BakeOptions, RebakeOptions};
+use prelight_bake::points::plan_object;
 use prelight_bake::progress::Silent;
+use prelight_bake::reach::layer::{MAX_LAYERS, layers};
+use prelight_bake::reach::pieces::Pieces;
+use prelight_bake::reuse::stale::find_stale;
 use prelight_bake::scene::world::World;
 use prelight_bake::scene::{Mesh, Object, Primitive, Scene};
 use prelight_bake::trace::{OccluderOptions, Occluders, Scratch, TreeQuality};

@@ -8,7 +8,9 @@ use prelight_runtime::baseline::haar_triple::{
     HaarProjector, HaarTree, LobeSampler, VisibilityTree, kept_coefficients, triple_product, triple_product_of_one,
 };
 use prelight_runtime::baseline::pixel_product;
-use prelight_runtime::baseline::sh_product::{self, ShLight, ShPoints, VisibilityProjector, basis::Recurrence, brdf::zonal_lobe};
+use prelight_runtime::baseline::sh_product::basis::Recurrence;
+use prelight_runtime::baseline::sh_product::brdf::zonal_lobe;
+use prelight_runtime::baseline::sh_product::{self, ShLight, ShPoints, VisibilityProjector};
 use prelight_runtime::block_product::SimdPath;
 use prelight_runtime::environment::LightCubemap;
 

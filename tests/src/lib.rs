@@ -2,8 +2,9 @@
 
 pub mod fuzzed;
 
-use prelight_bake::bake::{BakeOptions, Baked, bake};
+use prelight_bake::bake::{Baked, bake};
 pub use prelight_bake::chart::stability::scenes::{cuboid, options, quad, scene, sphere, still_life};
+use prelight_bake::options::BakeOptions;
 use prelight_bake::progress::Silent;
 use prelight_bake::scene::Scene;
 use prelight_runtime::asset::Asset;

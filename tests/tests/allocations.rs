@@ -1,7 +1,6 @@
 //! A frame allocates nothing: light changes, eye moves, points are shaded in buffers that are there.
 #![allow(unsafe_code)]
 
-
 use prelight_runtime::asset::Asset;
 use prelight_runtime::environment::{LightCubemap, sky};
 use prelight_runtime::relight::Relighter;

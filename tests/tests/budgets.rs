@@ -3,7 +3,7 @@
 use prelight_bake::bake::{BakeStats, bake};
 use prelight_bake::budget::candidates::{MARGIN, Question, Subject, rungs};
 use prelight_bake::budget::{Choice, Directions, Drawn, Probes, choose};
-use prelight_bake::plan::buried::BuriedProbe;
+use prelight_bake::points::buried::BuriedProbe;
 use prelight_bake::progress::Silent;
 use prelight_bake::scene::Scene;
 use prelight_bake::scene::world::World;

@@ -1,6 +1,6 @@
 //! A bake that is coarser than its meshes: fewer points, nearly the same picture, and each choice local.
 
-use prelight_bake::bake::BakeOptions;
+use prelight_bake::options::BakeOptions;
 use prelight_bake::scene::{Primitive, Scene};
 use prelight_manifests::Digest;
 use prelight_runtime::asset::Asset;

@@ -1,8 +1,8 @@
 //! Same input, same digest: on any number of threads, in any order, interrupted and resumed.
 
+use prelight_bake::BakeError;
 use prelight_bake::bake::bake;
 use prelight_bake::progress::StopAfter;
-use prelight_bake::BakeError;
 use prelight_bake::scene::chunks::scene_from_asset;
 use prelight_store::Store;
 use prelight_tests::{bake_into, cuboid, options, scene, still_life};
@@ -20,7 +20,7 @@ fn threads_and_order_of_shards_and_memory_change_no_digest() {
     assert!(expected.stats.points > 1500 && expected.stats.patches > 10, "{:?}", expected.stats);
     assert_eq!(expected.stats.patches_traced, expected.stats.patches);
     for (i, (threads, shuffle, memory)) in [(2, None, 4 << 30), (2, Some(1), 4 << 30), (3, Some(2), 128 << 20)].into_iter().enumerate() {
-        let options = prelight_bake::bake::BakeOptions { shuffle_shards: shuffle, memory, ..plain.clone() };
+        let options = prelight_bake::options::BakeOptions { shuffle_shards: shuffle, memory, ..plain.clone() };
         let baked = on_threads(threads, || bake_into(&scene, &options, &folder.path().join(format!("{}", i + 1))));
         assert_eq!(baked.asset_digest, expected.asset_digest, "{threads} threads, shuffled by {shuffle:?}, {memory} bytes");
     }

@@ -1,13 +1,13 @@
 //! `vmf_transfer` end to end: direct light from block products, indirect light from lobes, against the path tracer with one bounce.
 
-use prelight_bake::bake::BakeOptions;
+use prelight_bake::options::BakeOptions;
 use prelight_bake::progress::Silent;
 use prelight_bake::reference::{ReferenceOptions, render_reference};
-use prelight_bake::refine::angular::ViewOptions;
-use prelight_bake::refine::mesh::MeshOptions;
 use prelight_bake::scene::Scene;
 use prelight_bake::scene::world::World;
 use prelight_bake::trace::{OccluderOptions, Occluders};
+use prelight_bake::vmf_transfer::angular::ViewOptions;
+use prelight_bake::vmf_transfer::edges::MeshOptions;
 use prelight_bake::vmf_transfer::transfer::TransferOptions;
 use prelight_manifests::Technique;
 use prelight_runtime::asset::Asset;

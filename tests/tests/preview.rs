@@ -1,12 +1,12 @@
 //! Previews: valid coarse assets on the way to a bake that is the same without them.
 
 use prelight_bake::bake::{Baked, bake_counted, bake_with_previews};
-use prelight_bake::plan::estimate::count_points;
+use prelight_bake::cost::estimate::count_points;
 use prelight_bake::progress::Silent;
-use prelight_bake::refine::angular::ViewOptions;
-use prelight_bake::refine::mesh::MeshOptions;
 use prelight_bake::scene::world::World;
 use prelight_bake::scene::{Primitive, Scene};
+use prelight_bake::vmf_transfer::angular::ViewOptions;
+use prelight_bake::vmf_transfer::edges::MeshOptions;
 use prelight_bake::vmf_transfer::transfer::TransferOptions;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::mesh::Lit;

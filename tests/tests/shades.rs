@@ -1,6 +1,6 @@
 //! An asset of which some objects are in bits and others in shades of gray is lit as each of them would be in a bake of its own kind.
 
-use prelight_bake::bake::BakeOptions;
+use prelight_bake::options::BakeOptions;
 use prelight_bake::scene::Scene;
 use prelight_manifests::quality::Shades;
 use prelight_runtime::asset::Asset;

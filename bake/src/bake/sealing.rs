@@ -1,23 +1,23 @@
 //! Sealing the objects of a batch: their chunks, their part of the manifest, and the records by which a later bake takes them over whole.
 
-use super::options::BakeOptions;
 use super::stats::BakeStats;
 use super::work::{ObjectWork, trace_missing};
 use crate::budget::{ObjectError, Probes};
-use crate::engine::object::{ObjectChunks, ObjectCounts, ObjectKey};
 use crate::engine::threads::Tracer;
-use crate::engine::transfer::TransferBaker;
 use crate::error::BakeError;
-use crate::plan::ObjectPlan;
-use crate::plan::buried::BuriedProbe;
-use crate::plan::preview::first_stops;
-use crate::plan::snapshot::Snapshot;
-use crate::plan::surface::point_surfaces;
+use crate::options::BakeOptions;
+use crate::points::ObjectPlan;
+use crate::points::buried::BuriedProbe;
+use crate::points::preview::first_stops;
+use crate::points::surface::point_surfaces;
 use crate::progress::{Progress, Stage, check};
+use crate::reach::snapshot::Snapshot;
+use crate::reuse::object::{ObjectChunks, ObjectCounts, ObjectKey};
 use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::scene::chunks::base_chunk;
+use crate::scene::world::World;
 use crate::trace::Occluders;
+use crate::vmf_transfer::baker::TransferBaker;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
 use prelight_manifests::{ChunkKind, Dtype, Technique};
 use prelight_runtime::asset::points::PATCH_POINTS;

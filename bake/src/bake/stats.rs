@@ -1,10 +1,10 @@
 //! Counts and times of a bake.
 
 use crate::budget::ObjectError;
-use crate::engine::object::ObjectCounts;
 use crate::engine::threads::PatchResult;
-use crate::engine::transfer::TransferStats;
-use crate::plan::changes::StalePatch;
+use crate::reach::changes::StalePatch;
+use crate::reuse::object::ObjectCounts;
+use crate::vmf_transfer::baker::TransferStats;
 use prelight_manifests::asset::AssetObject;
 use std::time::Instant;
 
@@ -82,7 +82,7 @@ impl TileStats {
         self.live += live;
         if result.is_new {
             self.new += live;
-            self.traced += crate::plan::tile::N_TILES as u64;
+            self.traced += crate::reach::tile::N_TILES as u64;
         } else {
             self.known += live;
             self.redone += u64::from(result.redone.count_ones());

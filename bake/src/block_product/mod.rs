@@ -1,3 +1,3 @@
-//! What a bake writes for block products.
+//! The technique `block_product`: what a bake writes for it.
 
 pub mod visibility;

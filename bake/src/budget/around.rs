@@ -15,13 +15,15 @@
 
 use super::places::{Place, Places};
 use super::traced::Tracing;
-use crate::plan::origin::area_normal;
-use crate::plan::params::PlanError;
-use crate::plan::{ObjectPlan, PointParams};
-use crate::refine::differing::MAX_ROUNDS;
-use crate::refine::border::{Breaks, Seen};
-use crate::refine::edge::Answers;
-use crate::refine::{Refined, RefinedTriangle, split_differing};
+use crate::block_product::visibility::border::{Breaks, Seen};
+use crate::error::PlanError;
+use crate::mesh::PointParams;
+use crate::mesh::edge::Answers;
+use crate::mesh::origin::area_normal;
+use crate::mesh::{Refined, RefinedTriangle};
+use crate::points::ObjectPlan;
+use crate::points::differing::MAX_ROUNDS;
+use crate::points::differing::split_differing;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 

@@ -3,7 +3,7 @@
 //! ```text
 //! edge length   8, 4, 2, 1, ½ times what the object has without a budget; ¼, 1/8, 1/16, 1/32 where the object is small or its mesh so fine that
 //!               the edge length before still gives few points
-//! most unrest   none, 4, 1, ¼, 2⁻⁴, 2⁻⁶, 2⁻⁸, 2⁻¹⁰ of that edge length squared, m²·sr; edges are split down to 1/32 of it   (crate::refine::border)
+//! most unrest   none, 4, 1, ¼, 2⁻⁴, 2⁻⁶, 2⁻⁸, 2⁻¹⁰ of that edge length squared, m²·sr; edges are split down to 1/32 of it   (crate::block_product::visibility::border)
 //! ```
 //!
 //! Price of a candidate: its points. Work of a bake, work of a frame and bytes are in proportion to them at one face resolution and one depth of bits.
@@ -15,10 +15,11 @@ use super::places::{Drawn, Places};
 use super::probes::Probes;
 use super::traced::Tracing;
 use crate::error::BakeError;
-use crate::plan::buried::BuriedProbe;
-use crate::plan::weld::BaseMesh;
-use crate::plan::{ObjectPlan, PointParams, plan_object};
-use crate::refine::count_object;
+use crate::mesh::PointParams;
+use crate::mesh::weld::BaseMesh;
+use crate::points::buried::BuriedProbe;
+use crate::points::count::count_object;
+use crate::points::{ObjectPlan, plan_object};
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::Occluders;

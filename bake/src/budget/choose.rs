@@ -8,8 +8,8 @@ use super::places::Drawn;
 use super::probes::Probes;
 use super::traced::Tracing;
 use crate::error::BakeError;
-use crate::plan::PointParams;
-use crate::plan::buried::BuriedProbe;
+use crate::mesh::PointParams;
+use crate::points::buried::BuriedProbe;
 use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::World;
@@ -159,7 +159,7 @@ fn cheapest(budget: f64, mut ask: impl FnMut(usize, usize) -> Result<Option<Cand
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::test_scenes::params;
+    use crate::points::test_scenes::params;
 
     /// Points double with every step of either ladder; `error` of (length, border).
     fn chosen(budget: f64, error: impl Fn(usize, usize) -> f64) -> (Candidate, usize) {

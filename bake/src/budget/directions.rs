@@ -17,9 +17,9 @@
 use super::places::Places;
 use super::probes::Probes;
 use super::traced::Tracing;
-use crate::block_product::visibility::{encode, encode_gray};
-use crate::engine::parts::PatchParts;
-use crate::plan::buried::BuriedProbe;
+use crate::block_product::visibility::encode::{encode, encode_gray};
+use crate::block_product::visibility::gray::PatchParts;
+use crate::points::buried::BuriedProbe;
 use crate::trace::{Occluders, Scratch, TraceOrigin};
 use prelight_manifests::quality::Shades;
 use prelight_runtime::block_product::visibility::open_words;

@@ -105,7 +105,7 @@ fn walk(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::test_scenes::params;
+    use crate::points::test_scenes::params;
 
     const BUDGET: f64 = 0.1;
 

@@ -14,8 +14,8 @@ use super::directions::Directions;
 use super::places::Drawn;
 use super::probes::Probes;
 use crate::error::BakeError;
-use crate::plan::PointParams;
-use crate::plan::buried::BuriedProbe;
+use crate::mesh::PointParams;
+use crate::points::buried::BuriedProbe;
 use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::World;
@@ -116,7 +116,7 @@ pub fn contest(objects: &[Vec<Candidate>], budget: f64) -> Contest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::test_scenes::params;
+    use crate::points::test_scenes::params;
 
     /// Two edge lengths, each with and without a border.
     fn object(points: [u64; 4], predicted: [f64; 4]) -> Vec<Candidate> {

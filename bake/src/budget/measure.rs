@@ -4,7 +4,7 @@ use super::lit::{self, Irradiance};
 use super::places::Places;
 use super::probes::Probes;
 use super::traced::Tracing;
-use crate::plan::ObjectPlan;
+use crate::points::ObjectPlan;
 use prelight_runtime::asset::mesh::{Mesh, NO_POINT};
 use prelight_runtime::asset::points::BURIED;
 use prelight_runtime::block_product::visibility::Visibility;

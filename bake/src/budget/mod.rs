@@ -13,7 +13,7 @@
 //!
 //! **Choice** ([`choose()`]): first the directions of the whole bake, the least that can keep the budgets ([`directions`]); then per object the cheapest
 //! of its [`candidates`] that meets its budget with a margin, an edge length and how far borders of shadows are
-//! refined on top of it ([`crate::refine::border`]). What a candidate has to offer is found before the bake: only the triangles that hold a place are
+//! refined on top of it ([`crate::block_product::visibility::border`]). What a candidate has to offer is found before the bake: only the triangles that hold a place are
 //! refined as the bake will refine them, and only their points traced, each once for all candidates. Where none meets, a few are asked for once more in
 //! shades of gray (`gray`); where that does not do either, the cheapest near the least error is taken, and the object is declared.
 //!

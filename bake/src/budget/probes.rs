@@ -301,7 +301,7 @@ fn painted_lamps(lamps: &[Lamp]) -> Environment {
 mod tests {
     use super::super::lit::{Detail, seen, shown};
     use super::*;
-    use crate::block_product::visibility::encode;
+    use crate::block_product::visibility::encode::encode;
     use prelight_runtime::block_product::visibility::{Visibility, open_words};
 
     /// Open where a fixed generator says so, in runs and alone.

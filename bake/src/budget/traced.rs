@@ -3,8 +3,8 @@
 use super::directions::{Directions, Work};
 use super::lit::{Irradiance, shown};
 use super::probes::Probes;
-use crate::plan::ObjectPlan;
-use crate::plan::buried::BuriedProbe;
+use crate::points::ObjectPlan;
+use crate::points::buried::BuriedProbe;
 use crate::trace::Occluders;
 use prelight_runtime::asset::mesh::NO_POINT;
 use prelight_runtime::block_product::visibility::Visibility;

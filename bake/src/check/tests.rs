@@ -1,5 +1,5 @@
 use super::*;
-use crate::plan::test_scenes::{IDENTITY, add, cuboid, quad, scene};
+use crate::points::test_scenes::{IDENTITY, add, cuboid, quad, scene};
 use crate::progress::{Silent, StopAfter};
 use prelight_manifests::Quality;
 use prelight_runtime::draw::camera::{Camera, SceneCamera};

@@ -10,7 +10,7 @@
 
 use super::facing::frame;
 use super::{Finding, Sample, samples};
-use crate::plan::PointParams;
+use crate::mesh::PointParams;
 use crate::scene::Scene;
 use crate::scene::world::World;
 use crate::trace::Occluders;

@@ -7,7 +7,7 @@ use super::output::{check_writable, write_atomically};
 use super::{Context, ExitCode, Failure, Summary, budgets, reasons};
 use clap::Args;
 use prelight_bake::bake::{Baked, OnPreview, bake_with_previews};
-use prelight_bake::bake::Paranoid;
+use prelight_bake::options::Paranoid;
 use prelight_bake::scene::overrides::matching_objects;
 use prelight_store::Store;
 use serde_json::{Value, json};
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Tiles of a patch.
-const TILES_PER_PATCH: u64 = prelight_bake::plan::tile::N_TILES as u64;
+const TILES_PER_PATCH: u64 = prelight_bake::reach::tile::N_TILES as u64;
 
 /// Bake what is missing; a bake that was stopped resumes
 #[derive(Args, Debug)]

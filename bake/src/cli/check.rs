@@ -7,7 +7,7 @@ use super::reporter::{clock, count, group};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_bake::check::{Finding, findings};
-use prelight_bake::plan::estimate::estimate;
+use prelight_bake::cost::estimate::estimate;
 use prelight_bake::progress::{self, Progress, Stage};
 use prelight_manifests::ByteSize;
 use serde_json::{Value, json};

@@ -1,7 +1,7 @@
 //! Exit codes, and which error has which.
 
 use prelight_bake::BakeError;
-use prelight_bake::plan::PlanError;
+use prelight_bake::error::PlanError;
 use prelight_bake::scene::SceneError;
 use prelight_manifests::ManifestError;
 use prelight_runtime::error::RuntimeError;

@@ -3,7 +3,7 @@
 use super::args::BakeKnobs;
 use super::bake::default_store;
 use super::{Context, Failure};
-use prelight_bake::plan::counts::Counts;
+use prelight_bake::cost::counts::Counts;
 use prelight_bake::progress::Stage;
 use prelight_bake::scene::Scene;
 use prelight_bake::scene::input::SceneInput;

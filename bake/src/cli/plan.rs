@@ -5,9 +5,9 @@ use super::bake::{RebakeArgs, default_asset, default_store, round};
 use super::loaded::Loaded;
 use super::{Context, Failure, Summary, budgets, reasons};
 use clap::Args;
-use prelight_bake::plan::changes::Reason;
-use prelight_bake::plan::estimate::{Estimate, estimate};
-use prelight_bake::plan::stale::{Stale, find_stale};
+use prelight_bake::cost::estimate::{Estimate, estimate};
+use prelight_bake::reach::changes::Reason;
+use prelight_bake::reuse::stale::{Stale, find_stale};
 use prelight_manifests::ByteSize;
 use prelight_store::{Store, StoreError};
 use std::fmt::Write;
@@ -38,7 +38,8 @@ pub struct PlanArgs {
 pub fn run(args: PlanArgs, context: &Context) -> Result<Summary, Failure> {
     let mut loaded = Loaded::open(&args.scene.scene, args.output.as_deref(), &args.knobs, context)?;
     RebakeArgs { only: args.only.clone(), ..RebakeArgs::default() }.apply(&mut loaded)?;
-    let estimate = estimate(&loaded.scene, &loaded.world, (&loaded.settings.options, &loaded.settings.points), context.jobs, context.progress())?;
+    let estimate =
+        estimate(&loaded.scene, &loaded.world, (&loaded.settings.options, &loaded.settings.points), context.jobs, context.progress())?;
     let objects: Vec<(&str, u64)> =
         loaded.scene.objects.iter().map(|object| object.name.as_str()).zip(estimate.points.iter().copied()).collect();
     let mut summary = Summary::new();

@@ -4,20 +4,20 @@
 //! Killed anywhere, at most the shards in flight are lost. Results come back in the order of the tasks, whatever ran first. One thread
 //! beside the workers publishes, because that waits for the disk.
 
-use super::bits::PatchBits;
-use super::delta::{Before, Delta};
-use super::edit::EditOccluders;
-use super::light::{LightPatch, PatchReach};
-use super::object::KnownPatch;
-use super::patch::{Candidate, PatchInputs, Resolution, Resolved, Shadowing, false_hit, resolve};
-use crate::bake::Paranoid;
+use crate::block_product::visibility::bits::PatchBits;
+use crate::block_product::visibility::delta::{Before, Delta};
+use crate::block_product::visibility::patch::{PatchInputs, Resolution, Resolved, Shadowing, candidates, false_hit, resolve};
 use crate::error::BakeError;
-use crate::plan::buried::{Boxes, BuriedProbe, Meets, Verdict, local_edge};
-use crate::plan::key::{BlindPoint, buried_key, buried_question};
-use crate::plan::shaft::{BOX_POINTS, Bounds};
-use crate::plan::tile::{TileSet, TileTable, tiles};
-use crate::plan::{ObjectPlan, Patch};
+use crate::options::Paranoid;
+use crate::points::buried::{Boxes, BuriedProbe, Meets, Verdict, local_edge};
+use crate::points::{ObjectPlan, Patch};
 use crate::progress::{Progress, check};
+use crate::reach::edit::EditOccluders;
+use crate::reach::key::{BlindPoint, buried_key, buried_question};
+use crate::reach::seen::{LightPatch, PatchReach};
+use crate::reach::shaft::{BOX_POINTS, Bounds};
+use crate::reach::tile::{TileSet, tiles};
+use crate::reuse::object::KnownPatch;
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use prelight_runtime::block_product::visibility::Visibility;
 use prelight_store::{Chunk, ChunkSource, Record, ShardWriter, Store};
@@ -364,18 +364,6 @@ impl Tracer<'_> {
         writer.record(question, Record { chunks: Vec::new(), data });
         Ok((buried, reach))
     }
-}
-
-/// Records of a patch's points.
-pub fn candidates(store: &Store, inputs: &PatchInputs) -> Result<Vec<Candidate>, BakeError> {
-    let mut found = Vec::new();
-    for record in store.lookup_all(&inputs.key)? {
-        let table = TileTable::decode(&record.data, inputs.origins.boxes.len());
-        if let (Some(table), [descriptor]) = (table, &record.chunks[..]) {
-            found.push(Candidate { table, descriptor: descriptor.clone() });
-        }
-    }
-    Ok(found)
 }
 
 /// Reach, key and points of a record of buried points.

@@ -6,7 +6,7 @@
 //!
 //! - The environment is constant over each source pixel, sampled by luminance × solid angle, combined with sampling of the BRDF
 //!   by the balance heuristic, or both by `resample`; nothing is clamped.
-//! - Normals, sides, ray origins ([`crate::plan::origin`]), opacity and BRDF are those of bake and draw: open means n_s·ω > 0 and no
+//! - Normals, sides, ray origins ([`crate::mesh::origin`]), opacity and BRDF are those of bake and draw: open means n_s·ω > 0 and no
 //!   blocker. MASK cuts, BLEND is drawn over what is behind with its alpha, single-sided back faces are not seen and still block.
 //! - Clay: Lambert [`prelight_runtime::draw::shade::CLAY_ALBEDO`] on both sides, no textures, normal maps or emission, opacity kept.
 //! - Numbers come from (seed, pixel, sample): the picture does not depend on threads.
@@ -14,10 +14,8 @@
 //! Lossy: f32 rays; Monte Carlo noise, which the two half-sample images measure. Emissive surfaces light nothing. The bake's surface
 //! averages (roughness over a footprint) are not applied: the reference reads the material at the hit.
 
-pub(crate) mod hit;
 mod path;
 mod resample;
-pub(crate) mod sequence;
 #[cfg(test)]
 mod tests;
 
@@ -25,19 +23,17 @@ use crate::error::BakeError;
 use crate::progress::{Progress, Stage, check};
 use crate::scene::Scene;
 use crate::scene::world::{Occlusion, World, has_area};
+pub use crate::trace::hit::EDGE_LENGTH;
+use crate::trace::hit::Surfaces;
+use crate::trace::sequence::Sequence;
 use crate::trace::{OccluderOptions, Occluders};
-use hit::Surfaces;
 use path::{Seen, Tracer};
 use prelight_runtime::draw::camera::{Camera, CameraRays};
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::relative_l2;
 use prelight_runtime::environment::{Environment, EnvironmentSampler};
 use rayon::prelude::*;
-use sequence::Sequence;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Edge length of objects for which none is given, metres.
-pub const EDGE_LENGTH: f32 = 0.05;
 
 /// Samples a pixel of the first round of an adaptive reference.
 const FIRST_ROUND: u32 = 16;

@@ -11,8 +11,8 @@
 //! the throughput, at most 0.95.
 
 use super::Strategy;
-use super::hit::{Met, Shading, Surfaces};
-use super::sequence::{Sequence, narrow};
+use crate::trace::hit::{Met, Shading, Surfaces};
+use crate::trace::sequence::{Sequence, narrow};
 use crate::trace::{Hit, Occluders};
 use prelight_runtime::environment::{Environment, EnvironmentSampler};
 use prelight_runtime::sphere::frame::dot;

@@ -16,8 +16,8 @@
 //! Weights know nothing of what is hidden: in a room, a sun that is blocked nearly everywhere takes most picks, and pictures have 1 to 3 dB more noise at
 //! equal samples. So it is asked for where scenes are open.
 
-use super::hit::Shading;
 use super::path::{Tracer, Walk, reflected};
+use crate::trace::hit::Shading;
 use prelight_runtime::sphere::frame::dot;
 
 /// Candidates drawn from the environment.

@@ -1,7 +1,7 @@
 //! Closed forms, agreement of strategies, and the rules of opacity and sides.
 
 use super::*;
-use crate::plan::test_scenes::{IDENTITY, add, cuboid, quad, scene, sphere};
+use crate::points::test_scenes::{IDENTITY, add, cuboid, quad, scene, sphere};
 use crate::progress::{Silent, StopAfter};
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::surface::{AlphaMode, Material};

@@ -20,7 +20,7 @@ use super::tree::{Block, Child, EMPTY, LANES, Node, Tree, child};
 
 /// Texels of one window that are still open.
 #[derive(Clone, Debug)]
-pub(super) struct Window {
+pub(crate) struct Window {
     /// `[64]` rows, one bit a column.
     pub rows: [u64; 64],
     /// Bit y: row y has an open texel.
@@ -33,7 +33,7 @@ pub(super) struct Window {
 
 /// Bits first..=last.
 #[inline(always)]
-pub(super) fn span(first: u32, last: u32) -> u64 {
+pub(crate) fn span(first: u32, last: u32) -> u64 {
     (u64::MAX << first) & (u64::MAX >> (63 - last))
 }
 
@@ -83,23 +83,23 @@ impl Window {
 
 /// A node that waits, with its rectangle packed as x0 | x1 << 8 | y0 << 16 | y1 << 24.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Waiting {
+pub(crate) struct Waiting {
     pub child: u32,
     pub rect: u32,
 }
 
-pub(super) fn pack(rect: Rect) -> u32 {
+pub(crate) fn pack(rect: Rect) -> u32 {
     rect.x0 | rect.x1 << 8 | rect.y0 << 16 | rect.y1 << 24
 }
 
 #[inline(always)]
-pub(super) fn unpack(rect: u32) -> Rect {
+pub(crate) fn unpack(rect: u32) -> Rect {
     Rect { x0: rect & 255, x1: rect >> 8 & 255, y0: rect >> 16 & 255, y1: rect >> 24 }
 }
 
 /// Triangles that must not block, as slots of the tree.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Excluded {
+pub(crate) struct Excluded {
     slots: Vec<u32>,
     /// Bit (block mod 64) is set if a slot lies in such a block.
     bloom: u64,
@@ -131,7 +131,7 @@ impl Excluded {
 
 /// What a kernel reads.
 #[derive(Clone, Copy)]
-pub(super) struct Scene<'a> {
+pub(crate) struct Scene<'a> {
     pub tree: &'a Tree,
     pub masks: &'a MaskTable,
     pub excluded: &'a Excluded,
@@ -156,7 +156,7 @@ impl Scene<'_> {
 }
 
 /// The two inner loops.
-pub(super) trait Kernel: Copy {
+pub(crate) trait Kernel: Copy {
     /// Rectangles (packed) and distances of a node's children; bit a lane that has a texel.
     fn children(self, node: &Node, view: &View, rects: &mut [u32; LANES], near: &mut [f32; LANES]) -> u32;
     /// Closes what the triangles of a block cover.
@@ -167,7 +167,7 @@ pub(super) trait Kernel: Copy {
 
 /// Closes every texel of the window that an occluder covers.
 #[inline(always)]
-pub(super) fn cover<K: Kernel>(kernel: K, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
+pub(crate) fn cover<K: Kernel>(kernel: K, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
     stack.clear();
     if scene.tree.root == EMPTY {
         return;
@@ -223,7 +223,7 @@ fn depths(view: &View, bounds: &[[f32; LANES]; 2], lane: usize) -> [f32; 2] {
 
 /// Plain loops over the lanes: the meaning of the SIMD kernels.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Scalar;
+pub(crate) struct Scalar;
 
 impl Kernel for Scalar {
     fn children(self, node: &Node, view: &View, rects: &mut [u32; LANES], near: &mut [f32; LANES]) -> u32 {

@@ -12,7 +12,7 @@ const SOLID: u32 = u32::MAX;
 
 /// Cut-outs of a world, by triangle id.
 #[derive(Clone, Debug, Default)]
-pub(super) struct MaskTable {
+pub(crate) struct MaskTable {
     /// `[triangles]` row in `rows`, or SOLID; empty in a world without cut-outs.
     row_of: Vec<u32>,
     rows: Vec<MaskRow>,

@@ -1,6 +1,6 @@
 //! Everything that casts rays; nothing else in prelight does.
 //!
-//! A texel's bit is the OR over all occluding triangles of one f32 predicate (DESIGN: keys): hierarchies, rectangles, order and early
+//! A texel's bit is the OR over all occluding triangles of one f32 predicate: hierarchies, rectangles, order and early
 //! outs may only skip what the predicate would reject.
 //!
 //! | file | what |
@@ -12,11 +12,14 @@
 //! | `coverage`, `simd` | all texels of an origin at once: scalar, and its AVX2 twin |
 //! | `samples` | the same for 8×8 samples of every texel: grayscale |
 //! | `ray` | single rays: any hit, closest hit |
+//! | `hit` | the surface where a ray ends, and how it reflects |
+//! | `sequence` | random numbers of (seed, pixel or point, sample) |
 //! | `path` | paths from a point over other surfaces to the environment |
 //! | `occluders` | the public face of the rest |
 
 mod coverage;
 mod dispatch;
+pub(crate) mod hit;
 pub mod horizon;
 mod mask;
 mod occluders;
@@ -28,6 +31,7 @@ pub mod samples;
 mod samples_tests;
 #[cfg(test)]
 pub(crate) mod scenes;
+pub(crate) mod sequence;
 #[cfg(target_arch = "x86_64")]
 mod simd;
 #[cfg(test)]

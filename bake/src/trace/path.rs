@@ -14,10 +14,10 @@
 //! Source: \[LD09\] section 5; weights by erratum 6 (the true BRDF over the density, not the product of lobe weights).
 
 use super::{Occluders, TraceOrigin};
-use crate::reference::hit::{Reflection, Shading, Surfaces};
-use crate::reference::sequence::{Sequence, narrow};
 use crate::scene::Scene;
 use crate::scene::world::World;
+use crate::trace::hit::{Reflection, Shading, Surfaces};
+use crate::trace::sequence::{Sequence, narrow};
 use prelight_runtime::sphere::frame::tangents;
 
 /// Pairs of numbers that a bounce takes.
@@ -160,7 +160,7 @@ fn by_class(shading: &Shading, view: [f32; 3], l: [f32; 3], value: [f32; 3]) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::test_scenes::{IDENTITY, add, cuboid, quad, scene};
+    use crate::points::test_scenes::{IDENTITY, add, cuboid, quad, scene};
     use crate::trace::OccluderOptions;
     use prelight_runtime::surface::Material;
 

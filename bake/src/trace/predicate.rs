@@ -51,13 +51,13 @@ pub const LARGEST_COORDINATE: f32 = 1.0995116e12;
 
 /// `maxps`: the second operand unless the first is greater, so scalar and SIMD agree on NaN too.
 #[inline(always)]
-pub(super) fn max_ps(a: f32, b: f32) -> f32 {
+pub(crate) fn max_ps(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
 /// `minps`: the second operand unless the first is less.
 #[inline(always)]
-pub(super) fn min_ps(a: f32, b: f32) -> f32 {
+pub(crate) fn min_ps(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
@@ -195,13 +195,13 @@ impl View {
 
 /// a × b.
 #[inline(always)]
-pub(super) fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+pub(crate) fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// c = (a − b) × (a + b) = 2 a × b, exactly antisymmetric.
 #[inline(always)]
-pub(super) fn edge_plane(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+pub(crate) fn edge_plane(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     cross([a[0] - b[0], a[1] - b[1], a[2] - b[2]], [a[0] + b[0], a[1] + b[1], a[2] + b[2]])
 }
 
@@ -237,7 +237,7 @@ impl Projected {
 
 /// Edge planes with the sign of det folded in; `None` where det is 0.
 #[inline(always)]
-pub(super) fn signed_planes(a: &[[f32; 3]; 3]) -> Option<[[f32; 3]; 3]> {
+pub(crate) fn signed_planes(a: &[[f32; 3]; 3]) -> Option<[[f32; 3]; 3]> {
     let e20: [f32; 3] = std::array::from_fn(|k| a[2][k] - a[0][k]);
     let e01: [f32; 3] = std::array::from_fn(|k| a[0][k] - a[1][k]);
     let n = cross(e20, e01);
@@ -254,7 +254,7 @@ pub(super) fn signed_planes(a: &[[f32; 3]; 3]) -> Option<[[f32; 3]; 3]> {
 
 /// Share of each corner at the hit, from edge functions of one sign.
 #[inline(always)]
-pub(super) fn barycentrics(e: [f32; 3]) -> [f32; 3] {
+pub(crate) fn barycentrics(e: [f32; 3]) -> [f32; 3] {
     let sum = (e[0] + e[1]) + e[2];
     e.map(|e| e / sum)
 }

@@ -37,13 +37,13 @@ const WIDEN: f32 = 1.0 + 1.0 / 1048576.0;
 /// Relative error of a distance above which it is noise; far above the rounding of slabs.
 const NOISE: f32 = 1.0 / 1024.0;
 /// Factor on a hit's distance beyond which no box holds a nearer one, noise included.
-pub(super) const BEYOND: f32 = 1.0 + 2.0 * NOISE;
+pub(crate) const BEYOND: f32 = 1.0 + 2.0 * NOISE;
 /// Stands for 1/0; finite, so that 0·(1/0) is 0.
 const LARGEST_INVERSE: f32 = 1e30;
 
 /// Everything that a ray reads.
 #[derive(Clone, Copy)]
-pub(super) struct RayScene<'a> {
+pub(crate) struct RayScene<'a> {
     pub tree: &'a Tree,
     pub masks: &'a MaskTable,
     /// `[triangles]` index into [`ORDERS`]: canonical corner -> world corner.
@@ -52,7 +52,7 @@ pub(super) struct RayScene<'a> {
 }
 
 /// The six orders of corners; even permutations first.
-pub(super) const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [1, 0, 2], [2, 1, 0]];
+pub(crate) const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [1, 0, 2], [2, 1, 0]];
 
 struct Slabs {
     origin: [f32; 3],
@@ -208,7 +208,7 @@ fn walk(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32, mut 
 }
 
 #[inline(always)]
-pub(super) fn occluded(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> bool {
+pub(crate) fn occluded(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> bool {
     let mut blocked = false;
     walk(scene, origin, direction, t_max, |_, _, _, _| {
         blocked = true;
@@ -219,7 +219,7 @@ pub(super) fn occluded(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t
 
 /// The nearest hit, if it lies at `t_max` or before it; a `t_max` below infinity changes no such hit where it is [`BEYOND`] its distance.
 #[inline(always)]
-pub(super) fn closest_hit(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> Option<Hit> {
+pub(crate) fn closest_hit(scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> Option<Hit> {
     let mut best: Option<(f32, u32, [f32; 3], bool)> = None;
     walk(scene, origin, direction, t_max, |t, id, edges, ahead| {
         let nearer = best.is_none_or(|(t0, id0, ..)| t < t0 || (t == t0 && id < id0));

@@ -26,12 +26,12 @@ use prelight_runtime::surface::Texture;
 pub const SIDE: usize = 8;
 
 /// Where samples lie from a texel's centre.
-pub(super) fn offsets(view: &View) -> [f32; SIDE] {
+pub(crate) fn offsets(view: &View) -> [f32; SIDE] {
     std::array::from_fn(|i| (2.0 * i as f32 - 7.0) / (16.0 * view.half))
 }
 
 /// Triangles of a block that may close a sample, `[edge][component][lane]`.
-pub(super) struct Triangles {
+pub(crate) struct Triangles {
     pub rects: [u32; LANES],
     pub planes: [[[f32; LANES]; 3]; 3],
 }
@@ -43,7 +43,7 @@ impl Default for Triangles {
 }
 
 /// A triangle's edge planes and, for each, its products with the offsets at which the edge function is least and largest over a texel.
-pub(super) struct Edges {
+pub(crate) struct Edges {
     pub planes: [[f32; 3]; 3],
     /// Offset along the column axis at which edge k is largest; least at the opposite.
     pub most: [f32; 3],
@@ -56,7 +56,7 @@ impl Edges {
 }
 
 /// The inner loops of sampling.
-pub(super) trait SampleKernel: Kernel {
+pub(crate) trait SampleKernel: Kernel {
     /// Edge planes and rectangles of the block's triangles that touch an open texel; bit a lane.
     fn triangles(self, scene: Scene, block: usize, view: &View, window: &Window, out: &mut Triangles) -> u32;
     /// Of eight texels from a column on: those that are covered whole, and those that are covered in part. `rows` holds, for each edge, its
@@ -68,7 +68,7 @@ pub(super) trait SampleKernel: Kernel {
 
 /// A kernel whose blocks close samples instead of texels.
 #[derive(Clone, Copy)]
-pub(super) struct Sampled<K>(pub K);
+pub(crate) struct Sampled<K>(pub K);
 
 impl<K: SampleKernel> Kernel for Sampled<K> {
     #[inline(always)]

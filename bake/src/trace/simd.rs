@@ -14,7 +14,7 @@ use std::arch::x86_64::*;
 
 /// Proof that the CPU has AVX2 and the bit instructions of its time: only [`Avx2::detect`] makes one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Avx2(());
+pub(crate) struct Avx2(());
 
 impl Avx2 {
     pub fn detect() -> Option<Self> {

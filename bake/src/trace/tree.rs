@@ -18,21 +18,21 @@ use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::triangle::Triangle;
 
 /// Triangles of a block, children of a node.
-pub(super) const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 /// Absent child.
-pub(super) const EMPTY: u32 = u32::MAX;
+pub(crate) const EMPTY: u32 = u32::MAX;
 /// Absent triangle: its id in a block, its slot in [`Tree::slots`].
-pub(super) const NO_TRIANGLE: u32 = u32::MAX;
+pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
 const LEAF: u32 = 1 << 31;
 const COUNT_SHIFT: u32 = 27;
 const FIRST_MASK: u32 = (1 << COUNT_SHIFT) - 1;
 /// Blocks of the largest leaf.
-pub(super) const MOST_LEAF_BLOCKS: usize = 15;
+pub(crate) const MOST_LEAF_BLOCKS: usize = 15;
 
 /// Eight child boxes.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
-pub(super) struct Node {
+pub(crate) struct Node {
     /// `[axis][min, max][lane]`.
     pub bounds: [[[f32; LANES]; 2]; 3],
     pub children: [u32; LANES],
@@ -41,7 +41,7 @@ pub(super) struct Node {
 /// Eight triangles.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
-pub(super) struct Block {
+pub(crate) struct Block {
     /// `[corner][axis][lane]`.
     pub corners: [[[f32; LANES]; 3]; 3],
     pub ids: [u32; LANES],
@@ -56,14 +56,14 @@ impl Block {
 
 /// What a child is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Child {
+pub(crate) enum Child {
     Node(usize),
     Leaf { first: usize, blocks: usize },
 }
 
 /// Reads a child that is not EMPTY.
 #[inline(always)]
-pub(super) fn child(code: u32) -> Child {
+pub(crate) fn child(code: u32) -> Child {
     if code & LEAF == 0 {
         Child::Node(code as usize)
     } else {
@@ -73,7 +73,7 @@ pub(super) fn child(code: u32) -> Child {
 
 /// The whole hierarchy.
 #[derive(Clone, Debug)]
-pub(super) struct Tree {
+pub(crate) struct Tree {
     pub nodes: Vec<Node>,
     pub blocks: Vec<Block>,
     /// EMPTY in a scene without occluders.

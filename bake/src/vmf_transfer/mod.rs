@@ -1,3 +1,15 @@
-//! Writes what `prelight_runtime::vmf_transfer` reads.
+//! The technique `vmf_transfer`: light over other surfaces in von Mises–Fisher lobes, \[LD09\]; `prelight_runtime::vmf_transfer` reads it.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`baker`] | the transfer of an object's patches: looked up, or traced, put and recorded |
+//! | [`transfer`] | the transfer of one point: paths, slices, lobes |
+//! | [`angular`] | how many directions of view a point needs |
+//! | [`edges`] | which edges of the mesh are too long for indirect light |
+//! | [`fit`] | from paths to few parameters |
 
+pub mod angular;
+pub mod baker;
+pub mod edges;
+pub mod fit;
 pub mod transfer;

@@ -11,18 +11,18 @@
 //! width of the lobe, κ ≈ 1 / 2α²: [`PATHS_PER_KAPPA`] · κ, a power of two in [`LEAST_PATHS`]..=[`MOST_PATHS`], and doubles while noise is what
 //! ends the refinement of views. A point none of whose
 //! first [`LEAST_PATHS`] directions meets a surface stores nothing; one without a lobe stores irradiance. How many views:
-//! [`crate::refine::angular`].
+//! [`crate::vmf_transfer::angular`].
 //!
 //! Lossy: below α = 0.06 the paths in a lobe are too few (their number is capped), and its slices are noisy; the noise floor then ends
 //! refinement early. One lobe a class cannot show two reflections in one slice.
 
-use crate::fit::mixture::{Effort, fit_mixture};
-use crate::fit::thin::thin_wanted;
-use crate::fit::vmf::{LobeSums, PathSample, fit_lobe};
-use crate::refine::angular::{Slice, Stop, ViewOptions, Views, refine_views};
-use crate::refine::mesh::MeshOptions;
 use crate::trace::TraceOrigin;
 use crate::trace::path::{PathSet, PathTracer};
+use crate::vmf_transfer::angular::{Slice, Stop, ViewOptions, Views, refine_views};
+use crate::vmf_transfer::edges::MeshOptions;
+use crate::vmf_transfer::fit::mixture::{Effort, fit_mixture};
+use crate::vmf_transfer::fit::thin::thin_wanted;
+use crate::vmf_transfer::fit::vmf::{LobeSums, PathSample, fit_lobe};
 use prelight_runtime::block_product::brdf::PointLobe;
 use prelight_runtime::brdf::{Lobe as BrdfLobe, blinn_phong, lobe, phong};
 use prelight_runtime::sphere::frame::tangents;
@@ -62,7 +62,7 @@ pub struct PointWork {
     pub rays: u64,
     /// Slices fitted.
     pub slices: u64,
-    /// Twice what two fits of its slices differ by, relative: [`crate::refine::angular`].
+    /// Twice what two fits of its slices differ by, relative: [`crate::vmf_transfer::angular`].
     pub noise: f32,
     /// Effective samples of its slices, the median.
     pub samples: f32,
@@ -344,7 +344,7 @@ impl<'a> Slices<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::test_scenes::{IDENTITY, add, cuboid, quad, scene};
+    use crate::points::test_scenes::{IDENTITY, add, cuboid, quad, scene};
     use crate::scene::Scene;
     use crate::scene::world::World;
     use crate::trace::{OccluderOptions, Occluders};
@@ -438,7 +438,10 @@ mod tests {
                 let m = 16384u32;
                 let (mut weight, mut mean) = (0.0f64, [0.0f64; 3]);
                 for i in 0..m {
-                    let u = [crate::fit::mixture::uniform(3, u64::from(2 * i)), crate::fit::mixture::uniform(3, u64::from(2 * i + 1))];
+                    let u = [
+                        crate::vmf_transfer::fit::mixture::uniform(3, u64::from(2 * i)),
+                        crate::vmf_transfer::fit::mixture::uniform(3, u64::from(2 * i + 1)),
+                    ];
                     let l = ggx::sample(receiver.normal, world, roughness, u.map(|x| x as f32));
                     let pdf = ggx::pdf(receiver.normal, world, l, roughness);
                     if l[1] <= 0.0 || pdf <= 0.0 {
@@ -476,7 +479,7 @@ mod tests {
             let slices = Slices::new(&paths, &receiver);
             assert_eq!(slices.power.is_some(), exponent % 2.0 == 0.0);
             for i in 0..200u64 {
-                let axis = |k: u64| 2.0 * crate::fit::mixture::uniform(k, i) - 1.0;
+                let axis = |k: u64| 2.0 * crate::vmf_transfer::fit::mixture::uniform(k, i) - 1.0;
                 let unit = |x: f64, y: f64, z: f64| [x, y, z].map(|c| c / (x * x + y * y + z * z).sqrt());
                 let (v, l) = (unit(axis(0), axis(1), 0.3), unit(axis(2), axis(3), 1.0 + axis(4)));
                 let (got, exact) = (slices.terms(v, l)[0][0], receiver.lobe.terms(v, l)[0][0] as f32);

@@ -1,8 +1,9 @@
 //! Small scenes in which methods fail, and what bakes them. Tests of other crates use them too.
 
-use crate::bake::{BakeOptions, bake};
+use crate::bake::bake;
 use crate::error::BakeError;
-use crate::plan::PointParams;
+use crate::mesh::PointParams;
+use crate::options::BakeOptions;
 use crate::progress::Progress;
 use crate::scene::{Mesh, Object, Primitive, Scene};
 use crate::trace::TreeQuality;

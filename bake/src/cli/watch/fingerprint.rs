@@ -2,8 +2,8 @@
 //!
 //! A fingerprint holds digests, not geometry, so that two versions of a large scene need no memory for two.
 
+use prelight_bake::mesh::PointParams;
 use prelight_bake::scene::{Mesh, Object, Scene};
-use prelight_bake::plan::PointParams;
 use prelight_runtime::surface::Material;
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,0 +1,96 @@
+//! What decides a bake, besides the scene.
+
+use crate::block_product::visibility::patch::shades_of;
+use crate::budget::Probes;
+use crate::mesh::PointParams;
+use crate::trace::TreeQuality;
+use crate::vmf_transfer::transfer::TransferOptions;
+use prelight_manifests::quality::Shades;
+use std::sync::Arc;
+
+/// What decides a bake, besides the scene.
+#[derive(Clone, Debug)]
+pub struct BakeOptions {
+    /// One per object of the scene.
+    pub points: Vec<PointParams>,
+    /// Texels along a cubemap face's side.
+    pub face_resolution: u32,
+    /// One per object: binary, or shades of gray. May be shorter: the others are binary.
+    pub visibility: Vec<Shades>,
+    /// Effort of the tree's builder; changes no bit.
+    pub tree: TreeQuality,
+    /// One per object: how its indirect light is baked, if it is. May be shorter.
+    pub transfer: Vec<Option<TransferOptions>>,
+    /// Surfaces between a point and the environment that indirect light crosses, at least 1.
+    pub bounces: u32,
+    /// Bytes that the bake may hold; changes no bit.
+    pub memory: u64,
+    /// Shuffles the order of shards, for tests; changes no bit.
+    pub shuffle_shards: Option<u64>,
+    /// What concerns work that is already in the store.
+    pub rebake: RebakeOptions,
+}
+
+impl BakeOptions {
+    /// How finely an object's visibility is kept.
+    pub fn shades_of(&self, object: u32) -> Shades {
+        shades_of(&self.visibility, object)
+    }
+
+    /// Face resolution and shades in words: "128 binary", and where objects differ how many have others, "128 binary + 3 gray6".
+    pub fn directions_in_words(&self) -> String {
+        let counts = self.shades_counted();
+        let rest: String = counts[1..].iter().map(|(shades, count)| format!(" + {count} {}", shades.name())).collect();
+        format!("{} {}{rest}", self.face_resolution, counts[0].0.name())
+    }
+
+    /// Shades, and how many objects have them, the most first; binary where there is no object.
+    pub fn shades_counted(&self) -> Vec<(Shades, usize)> {
+        let mut counts: Vec<(Shades, usize)> = Vec::new();
+        for shades in (0..self.points.len()).map(|object| self.shades_of(object as u32)) {
+            match counts.iter_mut().find(|(known, _)| *known == shades) {
+                Some((_, count)) => *count += 1,
+                None => counts.push((shades, 1)),
+            }
+        }
+        if counts.is_empty() {
+            counts.push((Shades::default(), 0));
+        }
+        counts.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.name().cmp(b.0.name())));
+        counts
+    }
+
+    /// How an object's indirect light is baked, if it is.
+    pub fn transfer_of(&self, object: u32) -> Option<&TransferOptions> {
+        self.transfer.get(object as usize).and_then(Option::as_ref)
+    }
+}
+
+/// How finished work is found and used again. Changes no bit of an object that is baked.
+#[derive(Clone, Debug, Default)]
+pub struct RebakeOptions {
+    /// One per object: its layer of occluders, where the manifest fixes it ([`crate::reach::layer`]). May be shorter.
+    pub layers: Vec<Option<u8>>,
+    /// One per object: whether it is baked; all of them where this is `None`. What is not baked still blocks light.
+    pub only: Option<Vec<bool>>,
+    /// Traces some of what was taken from the store again and fails where it differs.
+    pub paranoid: Option<Paranoid>,
+    /// Lights under which the errors between points are measured once an object is baked; without them they are not.
+    pub measure: Option<Arc<Probes>>,
+}
+
+impl RebakeOptions {
+    /// Whether an object is baked.
+    pub fn wants(&self, object: usize) -> bool {
+        self.only.as_ref().is_none_or(|only| only.get(object).copied().unwrap_or(false))
+    }
+}
+
+/// How much of what is taken from the store is traced again, to be sure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Paranoid {
+    /// Tiles a patch.
+    pub tiles: u32,
+    /// Which ones: another seed, others.
+    pub seed: u64,
+}
