@@ -16,11 +16,11 @@ use obvhs::ray::Ray;
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 use prelight_bake::block_product::visibility::encode::encode;
-use prelight_bake::scene::gltf::{LoadLimits, load};
-use prelight_bake::scene::world::{Occlusion, World};
 use prelight_bake::trace::{OccluderOptions, Occluders, Scratch, TraceOrigin, TreeQuality, horizon};
 use prelight_runtime::block_product::visibility::open_words;
 use prelight_runtime::sphere::cubemap::texel_direction;
+use prelight_scene::gltf::{LoadLimits, load};
+use prelight_scene::world::{Occlusion, World};
 use rustix::time::{ClockId, clock_gettime};
 
 const RUNS: usize = 16;

@@ -22,10 +22,10 @@ mod unused;
 use crate::error::BakeError;
 use crate::mesh::PointParams;
 use crate::progress::{Progress, Stage, check};
-use crate::scene::Scene;
-use crate::scene::input::SceneInput;
-use crate::scene::world::World;
 use crate::trace::{OccluderOptions, Occluders};
+use prelight_scene::Scene;
+use prelight_scene::input::SceneInput;
+use prelight_scene::world::World;
 
 /// Something that a person should look at before a bake.
 #[derive(Clone, Debug, PartialEq)]
@@ -106,7 +106,7 @@ fn samples(world: &World, object: usize) -> Vec<Sample> {
 
 /// Area and unit front normal; nothing where the triangle blocks no light or has no area.
 fn area_normal(world: &World, id: u32) -> Option<(f64, [f32; 3])> {
-    if world.occlusion[id as usize] == crate::scene::world::Occlusion::None {
+    if world.occlusion[id as usize] == prelight_scene::world::Occlusion::None {
         return None;
     }
     let [a, b, c] = world.positions[id as usize].map(|p| p.map(f64::from));

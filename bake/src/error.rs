@@ -1,8 +1,8 @@
 //! What can go wrong in a bake, one variant per thing that a user can act on.
 
-use crate::scene::SceneError;
 use prelight_manifests::{ByteSize, ManifestError};
 use prelight_runtime::error::RuntimeError;
+use prelight_scene::SceneError;
 use prelight_store::StoreError;
 use std::path::Path;
 
@@ -92,7 +92,15 @@ impl BakeError {
 
 impl From<SceneError> for BakeError {
     fn from(error: SceneError) -> Self {
-        BakeError::Scene(Box::new(error))
+        match error {
+            SceneError::Manifest(error) => error.into(),
+            SceneError::Runtime(error) => error.into(),
+            SceneError::Store(error) => error.into(),
+            SceneError::Refused { what, help } => BakeError::Unsupported { what, help },
+            SceneError::Input { path, source } => BakeError::Input { path, source },
+            SceneError::Output { path, source } => BakeError::Output { path, source },
+            error => BakeError::Scene(Box::new(error)),
+        }
     }
 }
 

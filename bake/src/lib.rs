@@ -22,10 +22,8 @@
 pub mod bake;
 pub mod block_product;
 pub mod budget;
-pub mod chart;
 pub mod check;
 pub mod cost;
-pub mod demo;
 pub mod engine;
 pub mod error;
 pub mod mesh;
@@ -35,7 +33,6 @@ pub mod progress;
 pub mod reach;
 pub mod reference;
 pub mod reuse;
-pub mod scene;
 pub mod seal;
 pub mod settings;
 pub mod trace;

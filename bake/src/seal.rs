@@ -1,10 +1,10 @@
 //! Sealing: the chunks that belong to the scene as a whole, the manifest, and the file that the user sees.
 
 use crate::error::BakeError;
-use crate::scene::Scene;
-use crate::scene::world::World;
 use prelight_manifests::asset::{self, AssetContent, AssetManifest};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype, version};
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 use prelight_store::Store;
 use std::collections::{BTreeMap, HashSet};
 

@@ -8,15 +8,15 @@ use crate::error::BakeError;
 use crate::mesh::PointParams;
 use crate::options::{BakeOptions, RebakeOptions};
 use crate::progress::Progress;
-use crate::scene::Scene;
-use crate::scene::overrides::ObjectKnobs;
-use crate::scene::world::World;
 use crate::trace::{OccluderOptions, Occluders, TreeQuality};
 use crate::vmf_transfer::angular::ViewOptions;
 use crate::vmf_transfer::edges::MeshOptions;
 use crate::vmf_transfer::transfer::{MOST_PATHS, TransferOptions};
 use prelight_manifests::quality::{BvhBuild, Quality, Shades};
 use prelight_manifests::{SceneManifest, Technique};
+use prelight_scene::Scene;
+use prelight_scene::overrides::ObjectKnobs;
+use prelight_scene::world::World;
 
 /// Everything resolved.
 #[derive(Clone, Debug)]

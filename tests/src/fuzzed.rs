@@ -99,8 +99,8 @@ pub fn gltf(bytes: &[u8]) {
     let name = if bytes.starts_with(b"glTF") { "a.glb" } else { "a.gltf" };
     let path = folder.path().join(name);
     if std::fs::write(&path, bytes).is_ok() {
-        let limits = prelight_bake::scene::gltf::LoadLimits { max_bytes: MEMORY };
-        let _ = prelight_bake::scene::gltf::load(&path, &limits);
+        let limits = prelight_scene::gltf::LoadLimits { max_bytes: MEMORY };
+        let _ = prelight_scene::gltf::load(&path, &limits);
     }
 }
 

@@ -1,13 +1,14 @@
 //! Scenes and paths that the tests of this package share.
 
 pub mod fuzzed;
+pub mod imports;
 
 use prelight_bake::bake::{Baked, bake};
-pub use prelight_bake::chart::stability::scenes::{cuboid, options, quad, scene, sphere, still_life};
 use prelight_bake::options::BakeOptions;
 use prelight_bake::progress::Silent;
-use prelight_bake::scene::Scene;
+pub use prelight_chart::stability::scenes::{cuboid, options, quad, scene, sphere, still_life};
 use prelight_runtime::asset::Asset;
+use prelight_scene::Scene;
 use prelight_store::Store;
 use std::path::{Path, PathBuf};
 

@@ -1,16 +1,15 @@
 //! A bake that is coarser than its meshes: fewer points, nearly the same picture, and each choice local.
 
 use prelight_bake::options::BakeOptions;
-use prelight_bake::scene::{Primitive, Scene};
 use prelight_manifests::Digest;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::mesh::Lit;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::metrics::compare;
 use prelight_runtime::draw::shade::Frame;
-use prelight_runtime::environment::LightCubemap;
-use prelight_runtime::environment::sky;
+use prelight_runtime::environment::{LightCubemap, sky};
 use prelight_runtime::relight::Relighter;
+use prelight_scene::{Primitive, Scene};
 use prelight_store::Store;
 use prelight_tests::{bake_into, cuboid, options, scene, sphere};
 use std::collections::BTreeSet;

@@ -3,7 +3,7 @@
 use prelight_bake::BakeError;
 use prelight_bake::bake::bake;
 use prelight_bake::progress::StopAfter;
-use prelight_bake::scene::chunks::scene_from_asset;
+use prelight_scene::chunks::scene_from_asset;
 use prelight_store::Store;
 use prelight_tests::{bake_into, cuboid, options, scene, still_life};
 

@@ -24,7 +24,7 @@ fn seeds(name: &str) -> Vec<Vec<u8>> {
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
     if name == "gltf" {
         // Compressed, instanced and quantised files of the tools that people use.
-        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../bake/tests/fixtures");
+        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scene/tests/fixtures");
         paths.extend(std::fs::read_dir(fixtures).unwrap().map(|entry| entry.unwrap().path()));
     }
     paths.sort();
@@ -230,12 +230,12 @@ fn tiny() -> (String, Vec<(ChunkKind, Vec<u8>)>) {
 }
 
 fn glb() -> Vec<u8> {
-    use prelight_bake::scene::export::{GlbBuilder, Transform};
+    use prelight_scene::export::{GlbBuilder, Transform};
     let mut glb = GlbBuilder::new();
     let material = glb.material(&Default::default());
     let mut primitive = quad([0.0; 3], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], 0);
     primitive.material = material;
-    let mesh = glb.mesh("sheet", &prelight_bake::scene::Mesh { primitives: vec![primitive] });
+    let mesh = glb.mesh("sheet", &prelight_scene::Mesh { primitives: vec![primitive] });
     glb.node("Sheet", None, Transform::translation([0.0; 3]), Some(mesh));
     glb.to_glb()
 }

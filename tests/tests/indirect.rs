@@ -3,8 +3,6 @@
 use prelight_bake::options::BakeOptions;
 use prelight_bake::progress::Silent;
 use prelight_bake::reference::{ReferenceOptions, render_reference};
-use prelight_bake::scene::Scene;
-use prelight_bake::scene::world::World;
 use prelight_bake::trace::{OccluderOptions, Occluders};
 use prelight_bake::vmf_transfer::angular::ViewOptions;
 use prelight_bake::vmf_transfer::edges::MeshOptions;
@@ -17,6 +15,8 @@ use prelight_runtime::draw::metrics::relative_l2;
 use prelight_runtime::environment::{Environment, LightCubemap};
 use prelight_runtime::relight::Relighter;
 use prelight_runtime::surface::Material;
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 use prelight_store::Store;
 use prelight_tests::{bake_into, cuboid, options, quad, scene, sphere};
 

@@ -1,12 +1,12 @@
 //! An asset of which some objects are in bits and others in shades of gray is lit as each of them would be in a bake of its own kind.
 
 use prelight_bake::options::BakeOptions;
-use prelight_bake::scene::Scene;
 use prelight_manifests::quality::Shades;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::environment::{LightCubemap, sky};
 use prelight_runtime::relight::Relighter;
+use prelight_scene::Scene;
 use prelight_store::Store;
 use prelight_tests::{bake_into, cuboid, options, quad, scene, sphere};
 

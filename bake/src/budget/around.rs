@@ -22,8 +22,7 @@ use crate::mesh::edge::Answers;
 use crate::mesh::origin::area_normal;
 use crate::mesh::{Refined, RefinedTriangle};
 use crate::points::ObjectPlan;
-use crate::points::differing::MAX_ROUNDS;
-use crate::points::differing::split_differing;
+use crate::points::differing::{MAX_ROUNDS, split_differing};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 

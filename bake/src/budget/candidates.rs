@@ -20,10 +20,10 @@ use crate::mesh::weld::BaseMesh;
 use crate::points::buried::BuriedProbe;
 use crate::points::count::count_object;
 use crate::points::{ObjectPlan, plan_object};
-use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::trace::Occluders;
 use prelight_runtime::asset::points::BURIED;
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 
 /// Places of an object at which a candidate is judged.
 pub const PLACES: usize = 640;

@@ -11,10 +11,10 @@ use crate::error::BakeError;
 use crate::mesh::PointParams;
 use crate::points::buried::BuriedProbe;
 use crate::progress::{Progress, Stage, check};
-use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::trace::Occluders;
 use prelight_manifests::quality::Shades;
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 use rayon::prelude::*;
 
 /// Where nothing meets a budget: the cheapest candidate whose error is at most this many times the least.

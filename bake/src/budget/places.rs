@@ -14,9 +14,9 @@ use crate::mesh::origin::{Surroundings, area_normal, surface_origin};
 use crate::mesh::refined::{ONE, weights};
 use crate::mesh::weld::BaseMesh;
 use crate::points::buried::BuriedProbe;
-use crate::scene::world::World;
 use crate::trace::{Occluders, Scratch, TraceOrigin};
 use prelight_runtime::block_product::visibility::{Visibility, open_words};
+use prelight_scene::world::World;
 
 /// Of so many places one is held against finer directions: each takes as long as thirty points.
 const GRID_STRIDE: usize = 12;

@@ -14,8 +14,7 @@
 //! under them; the seed is a new one whenever what steers, or the margin, was chosen by looking at them.
 
 use super::lit::RunningMoments;
-use prelight_runtime::environment::{Environment, LightCubemap};
-use prelight_runtime::environment::{sky, studio};
+use prelight_runtime::environment::{Environment, LightCubemap, sky, studio};
 use prelight_runtime::sphere::cubemap::{row_major_from_hilbert, texel_unit_direction};
 use std::f64::consts::PI;
 

@@ -2,8 +2,8 @@
 
 use super::Finding;
 use super::thin::length;
-use crate::scene::Scene;
-use crate::scene::world::{Occlusion, World};
+use prelight_scene::Scene;
+use prelight_scene::world::{Occlusion, World};
 
 /// Scenes smaller than this are hardly in metres, metres along their longest side.
 const SMALLEST: f32 = 0.05;

@@ -6,10 +6,10 @@
 
 use super::thin::second_side;
 use super::{Finding, samples};
-use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::trace::Occluders;
 use prelight_runtime::draw::camera::CameraRays;
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 use rayon::prelude::*;
 
 /// Share of rays from behind that must meet a front.

@@ -40,7 +40,7 @@ fn a_partition_seen_from_behind_is_named_and_a_double_sided_one_is_not() {
     assert_eq!(behind.names, ["Screen"]);
     assert!(behind.text.starts_with("1 object is ") && behind.help.contains("double_sided"));
     scene.objects[2].mesh =
-        std::sync::Arc::new(crate::scene::Mesh { primitives: vec![quad([-0.5, 0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1)] });
+        std::sync::Arc::new(prelight_scene::Mesh { primitives: vec![quad([-0.5, 0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1)] });
     assert!(of(&look(&scene, 0.001), "seen_from_behind").is_none());
 }
 
@@ -66,7 +66,7 @@ fn walls_leak_until_they_are_as_thick_as_the_finest_edges() {
     assert!(thin.text.contains("up to 4.0 cm"), "{}", thin.text);
     assert!(of(&look(&scene, 0.015 / floor), "thin_walls").is_none(), "1.5 cm of edge");
     scene.objects[2].mesh =
-        std::sync::Arc::new(crate::scene::Mesh { primitives: vec![quad([0.0, 0.0, -2.0], [0.0, 0.0, 4.0], [0.0, 3.0, 0.0], 1)] });
+        std::sync::Arc::new(prelight_scene::Mesh { primitives: vec![quad([0.0, 0.0, -2.0], [0.0, 0.0, 4.0], [0.0, 3.0, 0.0], 1)] });
     assert_eq!(of(&look(&scene, 0.015 / floor), "thin_walls").expect("a sheet always leaks").names, ["Wall (0.0 mm)"]);
 }
 

@@ -11,9 +11,9 @@
 use super::facing::frame;
 use super::{Finding, Sample, samples};
 use crate::mesh::PointParams;
-use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::trace::Occluders;
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 use rayon::prelude::*;
 
 /// A wall is at least this many of its finest edges high and wide; smaller things cast no room-sized leaks.

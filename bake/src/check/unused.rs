@@ -1,8 +1,8 @@
 //! What the files hold and nothing shows: it costs loading time and hints at an export gone wrong.
 
 use super::Finding;
-use crate::scene::input::SceneInput;
-use crate::scene::unused::unused;
+use prelight_scene::input::SceneInput;
+use prelight_scene::unused::unused;
 
 pub(super) fn findings(input: &SceneInput) -> Vec<Finding> {
     let mut found = Vec::new();

@@ -8,15 +8,14 @@
 //!
 //! A row is what [`count_object`] says, to the number, so the search takes the same steps with and without it. Records are a cache.
 
-use crate::error::BakeError;
-use crate::error::PlanError;
+use crate::error::{BakeError, PlanError};
 use crate::mesh::PointParams;
 use crate::mesh::weld::BaseMesh;
 use crate::points::count::{PointCount, count_object, longest_edge};
 use crate::reach::key::Hasher;
-use crate::scene::world::World;
-use crate::scene::{Primitive, Scene};
 use prelight_manifests::Digest;
+use prelight_scene::world::World;
+use prelight_scene::{Primitive, Scene};
 use prelight_store::{Record, Store, StoreError};
 use rayon::prelude::*;
 use std::collections::BTreeMap;

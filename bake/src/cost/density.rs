@@ -8,8 +8,8 @@ use crate::cost::counts::{Counter, Counts};
 use crate::error::PlanError;
 use crate::mesh::PointParams;
 use crate::points::count::edge_length_by_counts;
-use crate::scene::Scene;
-use crate::scene::world::World;
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 
 /// An edge length and what it makes.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,9 +56,9 @@ pub fn density_of(objects: &Counter, params: &PointParams, asked: Option<u64>, p
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Mesh, Object, Primitive};
     use prelight_manifests::Quality;
     use prelight_runtime::surface::Material;
+    use prelight_scene::{Mesh, Object, Primitive};
     use std::sync::Arc;
 
     /// A floor of 10 m of two triangles, and a dense sheet of 1 m of 2·n² triangles above it.

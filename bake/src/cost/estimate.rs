@@ -7,17 +7,16 @@
 //! | a thread: one shard in flight | [`THREAD_BYTES`] |
 
 use crate::cost::counts::{Counter, Counts};
-use crate::error::BakeError;
-use crate::error::PlanError;
+use crate::error::{BakeError, PlanError};
 use crate::mesh::PointParams;
 use crate::mesh::origin::surface_origin;
 use crate::options::BakeOptions;
 use crate::progress::{Progress, Stage};
-use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::trace::{OccluderOptions, Occluders, Scratch, TraceOrigin};
 use prelight_manifests::quality::Shades;
 use prelight_runtime::block_product::visibility::open_words;
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::time::Instant;

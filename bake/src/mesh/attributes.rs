@@ -1,8 +1,8 @@
 //! Optional attributes of the draw mesh: texture coordinates, tangents, colours.
 
 use crate::mesh::weld::Vertices;
-use crate::scene::world::WorldPrimitive;
-use crate::scene::{Primitive, Scene};
+use prelight_scene::world::WorldPrimitive;
+use prelight_scene::{Primitive, Scene};
 
 /// Which optional arrays the object's vertices have.
 pub(crate) struct Wanted {

@@ -14,3 +14,16 @@ fn spread(x: u64) -> u64 {
     x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
     (x | x << 2) & 0x1249_2492_4924_9249
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn morton_codes_interleave_bit_by_bit() {
+        for x in [0u64, 1, 2, 0x15_5555, 0x1f_ffff, 0x12_3456] {
+            let slow: u64 = (0..21).map(|bit| (x >> bit & 1) << (3 * bit)).sum();
+            assert_eq!(spread(x), slow, "{x:#x}");
+        }
+    }
+}

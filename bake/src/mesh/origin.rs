@@ -17,8 +17,8 @@
 //! blocked (without this a closed room with smooth normals would leak along its edges).
 
 use crate::mesh::weld::{corner_normals, narrow, wide};
-use crate::scene::world::World;
 use glam::DVec3;
+use prelight_scene::world::World;
 
 /// Offset and least shift in units of the largest coordinate: four ulp at the upper end of a binade.
 const ULPS: f64 = 1.0 / (1 << 21) as f64;

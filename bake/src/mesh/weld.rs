@@ -13,9 +13,9 @@
 //! corners is negative) has them negated: the front is where the winding says, and its points are lit from there.
 
 use crate::mesh::attributes::{Corner, Corners, Wanted};
-use crate::scene::Scene;
-use crate::scene::world::{World, has_area};
 use glam::DVec3;
+use prelight_scene::Scene;
+use prelight_scene::world::{World, has_area};
 use rayon::prelude::*;
 use std::collections::HashMap;
 

@@ -14,10 +14,10 @@ use crate::mesh::origin::{Surroundings, area_normal};
 use crate::mesh::weld::{narrow, wide};
 use crate::points::ObjectPlan;
 use crate::reach::shaft::Bounds;
-use crate::scene::Scene;
-use crate::scene::world::World;
 use glam::DVec3;
 use prelight_runtime::sphere::frame::tangents;
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 
 /// Rays a point.
 pub const N_DIRECTIONS: usize = 32;

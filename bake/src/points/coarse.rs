@@ -17,11 +17,10 @@
 //!
 //! Lossy: what changes faster than the edge length asked for is smoothed, as where the mesh itself is that coarse.
 
-use crate::mesh::PointParams;
-use crate::mesh::Refined;
 use crate::mesh::morton::interleave;
 use crate::mesh::refined::ONE;
 use crate::mesh::weld::{BaseMesh, wide};
+use crate::mesh::{PointParams, Refined};
 use crate::points::patch::dominant_axis;
 use glam::DVec3;
 use std::cmp::Reverse;

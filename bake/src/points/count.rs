@@ -189,8 +189,8 @@ mod tests {
     use super::*;
     use crate::points::plan_object;
     use crate::points::test_scenes::*;
-    use crate::scene::Scene;
-    use crate::scene::world::World;
+    use prelight_scene::Scene;
+    use prelight_scene::world::World;
 
     fn shapes() -> Scene {
         let mut scene = scene();

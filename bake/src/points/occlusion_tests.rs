@@ -3,9 +3,9 @@
 use crate::mesh::origin::surface_origin;
 use crate::mesh::weld::{narrow, wide};
 use crate::points::test_scenes::*;
-use crate::scene::{Primitive, Scene};
 use glam::DVec3;
 use prelight_runtime::asset::points::BACK_SIDE;
+use prelight_scene::{Primitive, Scene};
 
 /// Largest open share over all points of object 0, with a coarse cubemap of odd resolution: some texels lie on its axes.
 fn most_open(scene: &Scene, edge_length: f32) -> (f64, usize) {
@@ -175,7 +175,7 @@ fn any_hit_starts_where_a_point_in_the_same_place_does() {
     assert!(compared > 1000);
     // The same on the back of a double-sided sheet.
     let sheet = only(quad([0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1));
-    let world = crate::scene::world::World::build(&sheet);
+    let world = prelight_scene::world::World::build(&sheet);
     let [front, back] = [false, true].map(|back| surface_origin(&world, 0, [0.25, 0.25, 0.5], back, 0.1));
     assert!(front.origin[2] > 0.0 && back.origin[2] < 0.0);
     assert_eq!(front.normal, back.normal.map(|x| -x));

@@ -187,14 +187,6 @@ mod tests {
     }
 
     #[test]
-    fn morton_codes_interleave_bit_by_bit() {
-        for x in [0u64, 1, 2, 0x15_5555, 0x1f_ffff, 0x12_3456] {
-            let slow: u64 = (0..21).map(|bit| (x >> bit & 1) << (3 * bit)).sum();
-            assert_eq!(spread(x), slow, "{x:#x}");
-        }
-    }
-
-    #[test]
     fn cells_cover_their_points_and_stay_below_257() {
         let points = places((0..20_000u64).map(|i| i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 1));
         let patches = cut_patches(&points, 5);

@@ -12,21 +12,20 @@
 //! | origin, excluded triangles | [`crate::mesh::origin`] |
 
 use crate::error::PlanError;
-use crate::mesh::PointParams;
-use crate::mesh::Refined;
 use crate::mesh::edge::EdgeTable;
 use crate::mesh::origin::area_normal;
 use crate::mesh::split::refine;
 use crate::mesh::weld::{BaseMesh, narrow, wide};
+use crate::mesh::{PointParams, Refined};
 use crate::points::coarse::{Stand, representatives, stand_ins};
 use crate::points::draft::Drafts;
 use crate::points::patch::{FIRST_LEAK_LEVEL, Place, cut_patches, thin_out};
 use crate::points::{Patch, PatchName};
-use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::trace::TraceOrigin;
 use prelight_runtime::asset::mesh::{BLENDED, Blend, Mesh, NO_POINT};
 use prelight_runtime::asset::points::{BACK_SIDE, BURIED, Points};
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 use std::sync::Arc;
 
 /// Everything planned for one object. Arrays have one element a point, in patch order.

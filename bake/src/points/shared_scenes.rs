@@ -4,10 +4,10 @@ use crate::mesh::PointParams;
 use crate::mesh::weld::BaseMesh;
 use crate::points::count::{PointCount, count_object, edge_length_for_points};
 use crate::points::plan_object;
-use crate::scene::Scene;
-use crate::scene::gltf::{LoadLimits, load};
-use crate::scene::world::World;
 use prelight_manifests::Quality;
+use prelight_scene::Scene;
+use prelight_scene::gltf::{LoadLimits, load};
+use prelight_scene::world::World;
 use std::path::Path;
 
 fn shared(name: &str) -> Option<(Scene, World)> {

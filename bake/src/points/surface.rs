@@ -18,13 +18,12 @@
 use crate::mesh::RefinedTriangle;
 use crate::mesh::origin::area_normal;
 use crate::mesh::weld::{narrow, wide};
-use crate::points::ObjectPlan;
-use crate::points::Patch;
-use crate::scene::Scene;
+use crate::points::{ObjectPlan, Patch};
 use glam::DVec3;
 use prelight_runtime::asset::points::BACK_SIDE;
 use prelight_runtime::asset::surface::PointSurfaces;
 use prelight_runtime::surface::{AlphaMode, Material, bend_normal, resolve, tangent_from_uv};
+use prelight_scene::Scene;
 
 /// Averaged parameters of an object's points, in their order. See [`PointSurfaces`].
 #[derive(Clone, Debug, Default, PartialEq)]

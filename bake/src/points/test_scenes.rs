@@ -3,10 +3,10 @@
 use crate::mesh::PointParams;
 use crate::mesh::weld::wide;
 use crate::points::{ObjectPlan, plan_object};
-use crate::scene::world::{Occlusion, World};
-use crate::scene::{Mesh, Object, Primitive, Scene};
 use glam::DVec3;
 use prelight_runtime::surface::Material;
+use prelight_scene::world::{Occlusion, World};
+use prelight_scene::{Mesh, Object, Primitive, Scene};
 use std::sync::Arc;
 
 pub const IDENTITY: [f64; 16] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];

@@ -6,10 +6,10 @@ use crate::mesh::weld::{BaseMesh, wide};
 use crate::points::PatchName;
 use crate::points::test_scenes::*;
 use crate::points::{ObjectPlan, plan_object};
-use crate::scene::world::World;
-use crate::scene::{Primitive, Scene};
 use prelight_runtime::asset::mesh::NO_POINT;
 use prelight_runtime::asset::points::BACK_SIDE;
+use prelight_scene::world::World;
+use prelight_scene::{Primitive, Scene};
 use std::collections::{BTreeMap, BTreeSet};
 
 fn only(primitives: Vec<Primitive>) -> Scene {

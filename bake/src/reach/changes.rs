@@ -8,8 +8,8 @@ use crate::reach::layer::{MAX_LAYERS, layers};
 use crate::reach::pieces::{Piece, Pieces};
 use crate::reach::shaft::{Bounds, Raster, reached_cells};
 use crate::reach::tile::{TileSet, tiles_of_cells};
-use crate::scene::world::World;
-use crate::scene::{Object, Scene};
+use prelight_scene::world::World;
+use prelight_scene::{Object, Scene};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 

@@ -12,11 +12,11 @@
 use crate::reach::pieces::Pieces;
 use crate::reach::shaft::Bounds;
 use crate::reach::snapshot::{Changes, Snapshot, SnapshotPiece};
-use crate::scene::world::World;
-use crate::scene::{Mesh, Object, Primitive, Scene};
 use crate::trace::{OccluderOptions, Occluders};
 use prelight_manifests::{Descriptor, Digest};
 use prelight_runtime::asset::base;
+use prelight_scene::world::World;
+use prelight_scene::{Mesh, Object, Primitive, Scene};
 use prelight_store::{ChunkSource, Store};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};

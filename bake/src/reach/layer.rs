@@ -11,8 +11,8 @@
 //! Never from the size of the scene, a rank or a neighbour: a far tree does not move a chair to another layer. `[[object]] layer` in
 //! scene.toml overrides all of an object's components. Layers decide keys and time, never a bit of the result.
 
-use crate::scene::Scene;
-use crate::scene::world::{Occlusion, World, WorldPrimitive};
+use prelight_scene::Scene;
+use prelight_scene::world::{Occlusion, World, WorldPrimitive};
 use rayon::prelude::*;
 use std::collections::HashMap;
 

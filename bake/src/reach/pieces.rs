@@ -16,10 +16,10 @@
 
 use crate::reach::key::Hasher;
 use crate::reach::shaft::Bounds;
-use crate::scene::Scene;
-use crate::scene::world::{Occlusion, World};
 use crate::trace::predicate::{canonical_order, is_traceable};
 use prelight_manifests::Digest;
+use prelight_scene::Scene;
+use prelight_scene::world::{Occlusion, World};
 use rayon::prelude::*;
 
 /// Triangles of a piece at most.

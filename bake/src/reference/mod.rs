@@ -21,8 +21,6 @@ mod tests;
 
 use crate::error::BakeError;
 use crate::progress::{Progress, Stage, check};
-use crate::scene::Scene;
-use crate::scene::world::{Occlusion, World, has_area};
 pub use crate::trace::hit::EDGE_LENGTH;
 use crate::trace::hit::Surfaces;
 use crate::trace::sequence::Sequence;
@@ -32,6 +30,8 @@ use prelight_runtime::draw::camera::{Camera, CameraRays};
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::relative_l2;
 use prelight_runtime::environment::{Environment, EnvironmentSampler};
+use prelight_scene::Scene;
+use prelight_scene::world::{Occlusion, World, has_area};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 

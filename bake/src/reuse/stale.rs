@@ -5,8 +5,7 @@
 //! the first layer that misses a tile; what later layers would find is not needed to say that the tile is stale. Patches that refinement at
 //! leaks would add to those are not counted: whether they change is known only once their neighbours are traced.
 
-use crate::block_product::visibility::patch::candidates;
-use crate::block_product::visibility::patch::{PatchInputs, Shadowing, stale_tiles};
+use crate::block_product::visibility::patch::{PatchInputs, Shadowing, candidates, stale_tiles};
 use crate::error::BakeError;
 use crate::options::BakeOptions;
 use crate::points::plan_object;
@@ -17,9 +16,9 @@ use crate::reach::pieces::Pieces;
 use crate::reach::shaft::Bounds;
 use crate::reach::tile::{N_TILES, TileSet, TileTable};
 use crate::reuse::object::{Known, known_objects, object_keys, raster, snapshot};
-use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::trace::Occluders;
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 use prelight_store::Store;
 use rayon::prelude::*;
 

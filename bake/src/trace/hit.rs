@@ -3,13 +3,13 @@
 
 use crate::mesh::origin::surface_origin;
 use crate::mesh::weld::corner_normals;
-use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::trace::Hit;
 use prelight_runtime::brdf::{Measured, Place, Surface};
 use prelight_runtime::draw::shade::CLAY_ALBEDO;
 use prelight_runtime::sphere::frame::{dot, tangents};
 use prelight_runtime::surface::{AlphaMode, SurfaceSample, bend_normal, resolve, tangent_from_uv};
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 use std::f32::consts::PI;
 
 /// Edge length of objects for which none is given, metres.

@@ -4,8 +4,8 @@
 //! texture alpha × factor × vertex alpha >= cutoff.
 
 use super::predicate::{barycentrics, canonical_order};
-use crate::scene::world::{Occlusion, World};
 use prelight_runtime::surface::{Texture, TextureRef};
+use prelight_scene::world::{Occlusion, World};
 
 /// Row of [`MaskTable::row_of`] that stands for a solid triangle.
 const SOLID: u32 = u32::MAX;

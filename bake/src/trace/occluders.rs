@@ -10,9 +10,9 @@ use super::samples::Sampled;
 use super::simd;
 use super::tree::{EMPTY, Tree};
 use super::{SimdPath, TraceOrigin};
-use crate::scene::world::{Occlusion, World};
 use obvhs::BvhBuildParams;
 use prelight_runtime::surface::Texture;
+use prelight_scene::world::{Occlusion, World};
 use rayon::prelude::*;
 
 /// How much work goes into the tree. Changes time, never an answer.

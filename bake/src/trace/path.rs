@@ -14,11 +14,11 @@
 //! Source: \[LD09\] section 5; weights by erratum 6 (the true BRDF over the density, not the product of lobe weights).
 
 use super::{Occluders, TraceOrigin};
-use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::trace::hit::{Reflection, Shading, Surfaces};
 use crate::trace::sequence::{Sequence, narrow};
 use prelight_runtime::sphere::frame::tangents;
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 
 /// Pairs of numbers that a bounce takes.
 const GROUPS: u32 = 2;

@@ -30,12 +30,11 @@
 //!
 //! Coordinates above [`LARGEST_COORDINATE`] are not traced, so no step overflows.
 
-use super::TraceOrigin;
-use super::horizon;
 use super::mask::MaskTable;
-use crate::scene::world::{Occlusion, World};
+use super::{TraceOrigin, horizon};
 use prelight_runtime::sphere::cubemap::face_axes;
 use prelight_runtime::surface::Texture;
+use prelight_scene::world::{Occlusion, World};
 
 /// Depths up to this count as behind the origin: 2⁻¹⁰⁰ m.
 pub(crate) const NEAR: f32 = 7.888609e-31;

@@ -19,8 +19,8 @@ use super::horizon;
 use super::mask::MaskTable;
 use super::predicate::{Projected, Rect, View, canonical, is_traceable, min_ps};
 use super::tree::{LANES, NO_TRIANGLE, Node, Tree};
-use crate::scene::world::{Occlusion, World};
 use prelight_runtime::surface::Texture;
+use prelight_scene::world::{Occlusion, World};
 
 /// Samples along a texel's side.
 pub const SIDE: usize = 8;

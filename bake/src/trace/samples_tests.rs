@@ -3,8 +3,8 @@
 use super::samples::open_samples_by_brute_force;
 use super::scenes::{Random, bumpy_sphere, closed_box, cut_out, random_triangles, world_of};
 use super::*;
-use crate::scene::world::World;
 use prelight_runtime::surface::Texture;
+use prelight_scene::world::World;
 
 /// Texels open in part, by number; and the bits of texels of which anything is open.
 fn sampled(occluders: &Occluders, from: &TraceOrigin, n: usize) -> (Vec<u64>, Vec<(u32, u64)>) {

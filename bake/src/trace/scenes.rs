@@ -1,7 +1,7 @@
 //! Small worlds for tests: made from a seed, no files.
 
-use crate::scene::world::{AlphaMask, Occlusion, World};
 use prelight_runtime::surface::{Texture, TextureEncoding, TextureRef, Wrap};
+use prelight_scene::world::{AlphaMask, Occlusion, World};
 use std::borrow::Cow;
 
 /// SplitMix64: counter-based, so a scene is a function of its seed.

@@ -3,7 +3,6 @@
 use super::predicate::Projected;
 use super::scenes::{Random, bumpy_sphere, closed_box, cut_out, random_triangles, world_of};
 use super::*;
-use crate::scene::world::{Occlusion, World};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::ray::Ray;
@@ -11,6 +10,7 @@ use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 use prelight_runtime::sphere::cubemap::texel_direction;
 use prelight_runtime::surface::Texture;
+use prelight_scene::world::{Occlusion, World};
 
 const PATHS: [SimdPath; 2] = [SimdPath::Scalar, SimdPath::Avx2];
 

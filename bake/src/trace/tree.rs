@@ -10,12 +10,12 @@
 //! walk. Free lanes of a block are NaN, which every test rejects; free lanes of a node are inverted boxes.
 
 use super::predicate::{canonical, is_traceable};
-use crate::scene::world::{Occlusion, World};
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::triangle::Triangle;
+use prelight_scene::world::{Occlusion, World};
 
 /// Triangles of a block, children of a node.
 pub(crate) const LANES: usize = 8;

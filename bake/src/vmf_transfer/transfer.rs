@@ -345,13 +345,13 @@ impl<'a> Slices<'a> {
 mod tests {
     use super::*;
     use crate::points::test_scenes::{IDENTITY, add, cuboid, quad, scene};
-    use crate::scene::Scene;
-    use crate::scene::world::World;
     use crate::trace::{OccluderOptions, Occluders};
     use prelight_runtime::brdf::ggx;
     use prelight_runtime::sphere::vmf::eval;
     use prelight_runtime::surface::Material;
     use prelight_runtime::vmf_transfer::transfer::decode;
+    use prelight_scene::Scene;
+    use prelight_scene::world::World;
 
     const OPTIONS: TransferOptions = TransferOptions {
         views: ViewOptions { start: 1, max: 3, budget: 0.1, floor: 0.02 },

@@ -1,6 +1,6 @@
 //! Boxes for scenes of tests.
 
-use prelight_bake::scene::Primitive;
+use prelight_scene::Primitive;
 
 /// A box from the origin on, its corners its own on every face.
 pub fn cuboid(size: [f32; 3]) -> Primitive {

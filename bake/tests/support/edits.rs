@@ -1,7 +1,7 @@
 //! Seeded edits of one object of a scene, as a person makes them in a modelling program.
 
-use prelight_bake::scene::{Mesh, Object, Scene};
 use prelight_runtime::surface::AlphaMode;
+use prelight_scene::{Mesh, Object, Scene};
 use std::sync::Arc;
 
 /// SplitMix64: counter-based, so a run is a function of its seed.

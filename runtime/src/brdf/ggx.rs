@@ -31,8 +31,7 @@
 
 use super::albedo::AlbedoTable;
 use super::{cross, half_vector, reflect};
-use crate::sphere::frame::dot;
-use crate::sphere::frame::tangents;
+use crate::sphere::frame::{dot, tangents};
 use std::f64::consts::PI;
 use std::sync::OnceLock;
 

@@ -10,8 +10,7 @@
 
 use super::lobe::{Lobe, lift};
 use super::{ggx, lambert};
-use crate::sphere::frame::dot;
-use crate::sphere::frame::tangents;
+use crate::sphere::frame::{dot, tangents};
 
 /// Reflectance of a clear coat along its normal.
 pub const COAT_F0: f32 = 0.04;

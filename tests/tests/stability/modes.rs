@@ -1,7 +1,7 @@
 //! Every mode of `chart::stability::MODES`, small. `prelight chart --stability` runs the same table whole.
 
-use prelight_bake::chart::stability::{Bench, MODES, Outcome, Sizes, run_all};
 use prelight_bake::progress::Silent;
+use prelight_chart::stability::{Bench, MODES, Outcome, Sizes, run_all};
 
 #[test]
 fn every_known_way_to_fail_stays_within_its_bounds() {

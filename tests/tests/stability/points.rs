@@ -4,8 +4,6 @@
 
 use prelight_bake::progress::Silent;
 use prelight_bake::reference::{ReferenceOptions, render_reference};
-use prelight_bake::scene::world::World;
-use prelight_bake::scene::{Primitive, Scene};
 use prelight_bake::trace::{OccluderOptions, Occluders};
 use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::points::{BACK_SIDE, BURIED};
@@ -16,6 +14,8 @@ use prelight_runtime::draw::shade::{CLAY_ALBEDO, Frame};
 use prelight_runtime::environment::{Environment, LightCubemap};
 use prelight_runtime::relight::Relighter;
 use prelight_runtime::sphere::cubemap::{face_from_direction, texel_unit_direction};
+use prelight_scene::world::World;
+use prelight_scene::{Primitive, Scene};
 use prelight_tests::{baked_asset, cuboid, quad, scene, sphere};
 use std::collections::BTreeMap;
 use std::f32::consts::PI;

@@ -5,8 +5,7 @@
 
 use crate::block_product::visibility::encode::{encode, encode_gray, open_bits};
 use crate::block_product::visibility::gray::PatchParts;
-use crate::points::ObjectPlan;
-use crate::points::Patch;
+use crate::points::{ObjectPlan, Patch};
 use crate::reach::shaft::BOX_POINTS;
 use crate::reach::tile::{CLOSED, FACE_TILES, TileSet};
 use crate::trace::horizon::above_horizon_of_face;

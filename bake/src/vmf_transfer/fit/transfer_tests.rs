@@ -3,8 +3,6 @@
 //! With PRELIGHT_LONG set every one of them runs over many more places, widths and texels, which `.ci/long lobes` does.
 
 use crate::points::test_scenes::{IDENTITY, add, cuboid, quad, scene};
-use crate::scene::Scene;
-use crate::scene::world::World;
 use crate::trace::path::{PathSet, PathTracer};
 use crate::trace::{OccluderOptions, Occluders, TraceOrigin};
 use crate::vmf_transfer::angular::{ViewOptions, refine_views};
@@ -22,6 +20,8 @@ use prelight_runtime::vmf_transfer::FilteredLight;
 use prelight_runtime::vmf_transfer::interpolate::blend;
 use prelight_runtime::vmf_transfer::lobe::luminance;
 use prelight_runtime::vmf_transfer::transfer::{PointRecords, SLICE_LOBES, TransferLobe, decode};
+use prelight_scene::Scene;
+use prelight_scene::world::World;
 use std::f32::consts::PI;
 
 const OPTIONS: TransferOptions = TransferOptions {
