@@ -2,17 +2,18 @@
 //!
 //! Compared is the digest of the list of all chunks that an asset names, in its fixed order; the manifest's own form may change between formats.
 
-use prelight_bake::bake::{BakeOptions, Baked};
-use prelight_bake::demo::write_scene;
-use prelight_bake::plan::counts::Counts;
-use prelight_bake::refine::angular::ViewOptions;
-use prelight_bake::refine::mesh::MeshOptions;
-use prelight_bake::scene::Scene;
-use prelight_bake::scene::input::SceneInput;
-use prelight_bake::scene::world::World;
+use prelight_bake::bake::Baked;
+use prelight_bake::cost::counts::Counts;
+use prelight_bake::options::BakeOptions;
 use prelight_bake::settings::Settings;
+use prelight_bake::vmf_transfer::angular::ViewOptions;
+use prelight_bake::vmf_transfer::edges::MeshOptions;
 use prelight_bake::vmf_transfer::transfer::TransferOptions;
 use prelight_manifests::quality::Shades;
+use prelight_scene::Scene;
+use prelight_scene::demo::write_scene;
+use prelight_scene::input::SceneInput;
+use prelight_scene::world::World;
 use prelight_store::digest_of;
 use prelight_tests::{bake_into, cuboid, options, quad, scene, shared, still_life};
 use std::path::Path;
