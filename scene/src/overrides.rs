@@ -34,7 +34,7 @@ pub struct ObjectKnobs {
     pub visibility: Option<Shades>,
     /// How transport is represented; never `Auto`.
     pub technique: Technique,
-    /// Layer of occluders, where a rule fixes it ([`prelight_bake::reach::layer`]).
+    /// Layer of occluders, where a rule fixes it (`prelight_bake::reach::layer`).
     pub layer: Option<u8>,
     /// The rest.
     pub knobs: Knobs,

@@ -10,7 +10,7 @@
 //! Places come to a triangle by its area, so each of n stands for A / (a n) triangles; and in the mean over places a / leaf is what a triangle is cut into,
 //! with a point for every two. So of every round only what holds a place is kept.
 //!
-//! Where a bake is coarser than the mesh, it first bakes points whose stand-ins see different things ([`crate::plan`]). So does this, near places, and counts
+//! Where a bake is coarser than the mesh, it first bakes points whose stand-ins see different things ([`crate::points`]). So does this, near places, and counts
 //! as many elsewhere.
 
 use super::places::{Place, Places};
