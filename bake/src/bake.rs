@@ -5,6 +5,7 @@
 //! An object's chunks depend on the object, its knobs and on what can block light; never on the batch, the shard, the thread or the order,
 //! so any limit and any number of threads give the same digest.
 
+mod context;
 mod sealing;
 mod stats;
 mod work;
@@ -12,32 +13,31 @@ mod work;
 pub use crate::options::{BakeOptions, Paranoid, RebakeOptions};
 pub use stats::{BakeStats, TileStats};
 
+use crate::block_product::visibility::baker::VisibilityBaker;
 use crate::block_product::visibility::patch::Shadowing;
-use crate::engine::threads::Tracer;
+use crate::cost::estimate::{batches, count_object_points};
 use crate::error::BakeError;
+use crate::factor::{SceneInputs, Technique};
 use crate::points::buried::BuriedProbe;
 use crate::points::plan_object;
 use crate::progress::{Progress, Stage, check};
 use crate::reach::layer::{MAX_LAYERS, layers};
 use crate::reach::pieces::Pieces;
-use crate::reuse::object::{Known, KnownLight, known_objects, object_keys, snapshot};
+use crate::reach::snapshot::Snapshot;
+use crate::reuse::object::{Known, KnownLight, ObjectKey, known_objects, object_keys, snapshot};
 use crate::seal::{self, SceneChunks};
 use crate::trace::{OccluderOptions, Occluders};
-use crate::vmf_transfer::baker::TransferBaker;
+use context::{ActiveTechnique, Context};
 use prelight_manifests::Digest;
 use prelight_manifests::asset::{AssetContent, AssetManifest, AssetObject};
 use prelight_scene::Scene;
 use prelight_scene::world::World;
 use prelight_store::Store;
 use rayon::prelude::*;
-use sealing::Sealing;
 use stats::Clock;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use work::{ObjectWork, trace_missing};
-
-/// Triangles of a leaf of the tree that paths are traced through.
-const PATH_LEAF: usize = 16;
 
 /// A finished bake, before its file is written.
 #[derive(Clone, Debug)]
@@ -100,112 +100,151 @@ pub fn bake_with_previews(
     options: &BakeOptions,
     store: &Store,
     progress: &dyn Progress,
-    mut preview: Option<&mut OnPreview>,
+    preview: Option<&mut OnPreview>,
 ) -> Result<Baked, BakeError> {
-    let mut clock = Clock::default();
+    let clock = Clock::default();
     let layer_of = layers(scene, world, &options.rebake.layers);
     let pieces = Pieces::build(scene, world, &layer_of, MAX_LAYERS);
-    let mut stats = BakeStats::default();
     let wanted = |object: usize| options.rebake.wants(object);
     let keys = object_keys(scene, world, &pieces, options, &wanted);
     let snapshot = snapshot(&pieces, &keys);
-    // Whoever wants hits checked wants all of them looked up one by one; what is to be measured needs its plan; indirect light hangs on the
-    // whole scene, which an object's record does not know.
-    let in_detail = options.rebake.paranoid.is_some() || options.rebake.measure.is_some();
-    let is_direct = |object: usize| options.transfer_of(object as u32).is_none();
-    let usable = |object: usize| !in_detail && wanted(object) && is_direct(object);
-    let known = known_objects(scene, options, &keys, &snapshot, store, &usable)?;
-    let mut objects: Vec<Option<AssetObject>> = vec![None; known.len()];
-    let mut lights: Vec<Option<Box<KnownLight>>> = Vec::with_capacity(known.len());
-    for (known, object) in known.into_iter().zip(&mut objects) {
-        let light = match known {
-            Known::Nothing => None,
-            Known::Whole(made, counts) => {
-                *object = Some(stats.take(*made, &counts));
-                None
-            }
-            Known::Light(light) => Some(light),
-        };
-        lights.push(light);
-    }
-    let missing: Vec<bool> = objects.iter().enumerate().map(|(object, known)| wanted(object) && known.is_none()).collect();
-    let count = |object: usize| match (&lights[object], counts) {
-        _ if !missing[object] => Ok(0),
-        (Some(known), _) => Ok(known.light.patches.iter().map(|patch| u64::from(patch.n_points)).sum()),
-        (None, Some(counts)) => Ok(counts[object]),
-        (None, None) => crate::cost::estimate::count_object_points(scene, world, &options.points, object),
-    };
-    let counts: Vec<u64> = (0..missing.len()).into_par_iter().map(count).collect::<Result<_, _>>()?;
-    let batches = crate::cost::estimate::batches(world, &counts, options.memory, rayon::current_num_threads())?;
-    clock.lap("plan");
-
+    let mut run = Run { scene, world, options, store, clock, stats: BakeStats::default(), objects: vec![None; keys.len()] };
+    let mut known = run.take_known(&keys, &snapshot)?;
+    let missing: Vec<bool> = run.objects.iter().enumerate().map(|(object, known)| wanted(object) && known.is_none()).collect();
+    let counts = run.count(counts, &missing, &known)?;
+    let batches = batches(world, &counts, options.memory, rayon::current_num_threads())?;
+    run.clock.lap("plan");
     if missing.contains(&true) {
         let occluder_options = OccluderOptions { quality: options.tree, ..OccluderOptions::default() };
         let occluders = Occluders::build_layers(world, &scene.textures, occluder_options, &layer_of, MAX_LAYERS);
-        lights.iter().flatten().for_each(|known| known.edit.prepare(scene, world, &pieces, occluder_options, store));
+        known.iter().flatten().for_each(|known| known.edit.prepare(scene, world, &pieces, occluder_options, store));
         let names: Vec<&str> = scene.objects.iter().map(|object| object.name.as_str()).collect();
-        let tracer = Tracer {
-            shadowing: Shadowing {
-                pieces: &pieces,
-                occluders: &occluders,
-                face_resolution: options.face_resolution,
-                shades: &options.visibility,
-            },
-            probe: BuriedProbe::new(scene, world),
-            names: &names,
-            store,
-            progress,
-            shuffle: options.shuffle_shards,
-            paranoid: options.rebake.paranoid,
+        let (face_resolution, shades) = (options.face_resolution, &options.visibility[..]);
+        let shadowing = Shadowing { pieces: &pieces, occluders: &occluders, face_resolution, shades };
+        let baker = VisibilityBaker { shadowing, probe: BuriedProbe::new(scene, world), names: &names, paranoid: options.rebake.paranoid };
+        let edge_lengths = options.points.iter().map(|params| params.edge_length).collect();
+        let inputs = SceneInputs::new(scene, world, edge_lengths, occluder_options);
+        let techniques = active_techniques(options, &missing, &inputs);
+        run.clock.lap("build");
+        let context = Context { scene, options, store, progress, keys: &keys, snapshot: &snapshot, techniques: &techniques };
+        let batches = batches.into_iter().map(|batch| batch.filter(|object| missing[*object]).collect()).collect();
+        run.bake_batches(batches, &mut known, counts.iter().sum(), &baker, &context, preview)?;
+    }
+    let mut baked = finish(scene, world, options, store, run.objects, run.stats)?;
+    run.clock.lap("seal");
+    baked.stats.seconds = run.clock.laps;
+    Ok(baked)
+}
+
+/// The techniques that objects of this bake ask for, ready for the scene.
+fn active_techniques<'a>(options: &'a BakeOptions, missing: &[bool], inputs: &'a SceneInputs<'a>) -> Vec<ActiveTechnique<'a>> {
+    let is_asked = |technique: &dyn Technique| {
+        let is_its = |object: usize| options.technique_of(object as u32).is_some_and(|its| its.name() == technique.name());
+        missing.iter().enumerate().any(|(object, missing)| *missing && is_its(object))
+    };
+    let asked = options.techniques.iter().filter(|technique| is_asked(&***technique));
+    asked.map(|technique| ActiveTechnique { name: technique.name(), factors: technique.begin(inputs) }).collect()
+}
+
+/// A bake under way.
+struct Run<'a> {
+    scene: &'a Scene,
+    world: &'a World,
+    options: &'a BakeOptions,
+    store: &'a Store,
+    clock: Clock,
+    stats: BakeStats,
+    /// `[objects of the scene]` those that are done.
+    objects: Vec<Option<AssetObject>>,
+}
+
+impl Run<'_> {
+    /// Takes over the objects that an earlier bake knows whole; gives what it knows of the patches of others.
+    fn take_known(&mut self, keys: &[Option<ObjectKey>], snapshot: &Snapshot) -> Result<Vec<Option<Box<KnownLight>>>, BakeError> {
+        let rebake = &self.options.rebake;
+        // Whoever wants hits checked wants all of them looked up one by one; what is to be measured needs its plan; what a technique adds hangs
+        // on the whole scene, which an object's record does not know.
+        let in_detail = rebake.paranoid.is_some() || rebake.measure.is_some();
+        let usable = |object: usize| !in_detail && rebake.wants(object) && self.options.technique_of(object as u32).is_none();
+        let known = known_objects(self.scene, self.options, keys, snapshot, self.store, &usable)?;
+        let taken = known.into_iter().zip(&mut self.objects).map(|(known, object)| match known {
+            Known::Nothing => None,
+            Known::Whole(made, counts) => {
+                *object = Some(self.stats.take(*made, &counts));
+                None
+            }
+            Known::Light(light) => Some(light),
+        });
+        Ok(taken.collect())
+    }
+
+    /// `[objects]` points of those that are missing, 0 of the others.
+    fn count(&self, counts: Option<&[u64]>, missing: &[bool], known: &[Option<Box<KnownLight>>]) -> Result<Vec<u64>, BakeError> {
+        let count = |object: usize| match (&known[object], counts) {
+            _ if !missing[object] => Ok(0),
+            (Some(known), _) => Ok(known.light.patches.iter().map(|patch| u64::from(patch.n_points)).sum()),
+            (None, Some(counts)) => Ok(counts[object]),
+            (None, None) => count_object_points(self.scene, self.world, &self.options.points, object),
         };
-        // Paths are single rays, which smaller leaves suit.
-        let path_occluders = (missing.iter().enumerate())
-            .any(|(object, missing)| *missing && !is_direct(object))
-            .then(|| Occluders::build(world, &scene.textures, OccluderOptions { leaf_size: PATH_LEAF, ..occluder_options }));
-        let edge_lengths: Vec<f32> = options.points.iter().map(|params| params.edge_length).collect();
-        let transfer = (path_occluders.as_ref())
-            .map(|occluders| TransferBaker::new(scene, world, occluders, &edge_lengths, options.bounces, store, progress));
-        clock.lap("build");
-        let transfer = transfer.as_ref();
-        let sealing = Sealing { scene, options, store, progress, keys: &keys, snapshot: &snapshot, transfer };
+        (0..missing.len()).into_par_iter().map(|object| count(object).map_err(BakeError::from)).collect()
+    }
+
+    /// Bakes and seals batch after batch. `estimate`: points of all of them.
+    fn bake_batches(
+        &mut self,
+        batches: Vec<Vec<usize>>,
+        known: &mut [Option<Box<KnownLight>>],
+        estimate: u64,
+        baker: &VisibilityBaker,
+        context: &Context,
+        mut preview: Option<&mut OnPreview>,
+    ) -> Result<(), BakeError> {
         let n_batches = batches.len();
         for batch in batches {
-            let batch: Vec<usize> = batch.filter(|object| missing[*object]).collect();
-            let estimate = counts.iter().sum();
-            let known = batch.iter().map(|object| lights[*object].take()).collect();
-            let mut work = plan_batch(&batch, known, estimate, world, &sealing, &mut clock)?;
+            let known = batch.iter().map(|object| known[*object].take()).collect();
+            let mut work = plan_batch(&batch, known, estimate, self.world, context, &mut self.clock)?;
             if let Some(preview) = preview.as_deref_mut().filter(|_| n_batches == 1) {
-                for points in preview_points(estimate as usize) {
-                    let first = sealing.first_points(&mut work, points, &tracer, &mut stats)?;
-                    clock.lap("trace");
-                    let mut seen = BakeStats { tiles: stats.tiles, ..BakeStats::default() };
-                    let mut shown = objects.clone();
-                    for (object, sealed) in batch.iter().zip(sealing.seal(&first, false, &mut seen)?) {
-                        shown[*object] = Some(sealed);
-                    }
-                    let baked = finish(scene, world, options, store, shown, seen)?;
-                    stats.bytes_stored += baked.stats.bytes_stored;
-                    clock.lap("preview");
-                    if preview(baked).is_break() {
-                        return Err(BakeError::Cancelled);
-                    }
-                }
+                self.previews(&batch, &mut work, estimate, (baker, context), preview)?;
             }
-            bake_batch(&mut work, estimate, &tracer, &sealing, &mut stats, &mut clock)?;
-            if let Some(probes) = &options.rebake.measure {
-                stats.errors.extend(sealing.measure(&work, world, &occluders, probes)?);
-                clock.lap("measure");
+            bake_batch(&mut work, estimate, baker, context, &mut self.stats, &mut self.clock)?;
+            if let Some(probes) = &self.options.rebake.measure {
+                self.stats.errors.extend(context.measure(&work, self.world, baker.shadowing.occluders, probes)?);
+                self.clock.lap("measure");
             }
-            for (object, sealed) in batch.into_iter().zip(sealing.seal(&work, true, &mut stats)?) {
-                objects[object] = Some(sealed);
+            for (object, sealed) in batch.into_iter().zip(context.seal(&work, true, &mut self.stats)?) {
+                self.objects[object] = Some(sealed);
             }
-            clock.lap("seal");
+            self.clock.lap("seal");
         }
+        Ok(())
     }
-    let mut baked = finish(scene, world, options, store, objects, stats)?;
-    clock.lap("seal");
-    baked.stats.seconds = clock.laps;
-    Ok(baked)
+
+    /// Seals assets of the first points of a batch, and shows them.
+    fn previews(
+        &mut self,
+        batch: &[usize],
+        work: &mut [ObjectWork],
+        estimate: u64,
+        (baker, context): (&VisibilityBaker, &Context),
+        preview: &mut OnPreview,
+    ) -> Result<(), BakeError> {
+        for points in preview_points(estimate as usize) {
+            let first = context.first_points(work, points, baker, &mut self.stats)?;
+            self.clock.lap("trace");
+            let mut seen = BakeStats { tiles: self.stats.tiles, ..BakeStats::default() };
+            let mut shown = self.objects.clone();
+            for (object, sealed) in batch.iter().zip(context.seal(&first, false, &mut seen)?) {
+                shown[*object] = Some(sealed);
+            }
+            let baked = finish(self.scene, self.world, self.options, self.store, shown, seen)?;
+            self.stats.bytes_stored += baked.stats.bytes_stored;
+            self.clock.lap("preview");
+            if preview(baked).is_break() {
+                return Err(BakeError::Cancelled);
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Points of the previews of a bake of so many, each far fewer than the next.
@@ -239,10 +278,10 @@ fn plan_batch(
     known: Vec<Option<Box<KnownLight>>>,
     estimate: u64,
     world: &World,
-    of: &Sealing,
+    of: &Context,
     clock: &mut Clock,
 ) -> Result<Vec<ObjectWork>, BakeError> {
-    let Sealing { scene, options, store, progress, .. } = *of;
+    let Context { scene, options, store, progress, .. } = *of;
     let _stage = Stage::begin(progress, "place", Some(estimate), "points");
     let read = |mut light: Box<KnownLight>| match light.load(store) {
         Ok(()) => Some(light),
@@ -265,28 +304,28 @@ fn plan_batch(
 fn bake_batch(
     work: &mut [ObjectWork],
     estimate: u64,
-    tracer: &Tracer,
-    of: &Sealing,
+    baker: &VisibilityBaker,
+    of: &Context,
     stats: &mut BakeStats,
     clock: &mut Clock,
 ) -> Result<(), BakeError> {
-    let Sealing { scene, options, progress, transfer, .. } = *of;
+    let Context { options, progress, .. } = *of;
     let stage = Stage::begin(progress, "bake", Some(estimate), "points");
     stage.advance(stats.points_made);
     loop {
         check(progress)?;
-        trace_missing(tracer, options, work, stats, None)?;
+        trace_missing(baker, of, work, stats, None)?;
         clock.lap("trace");
-        if let Some(transfer) = transfer {
+        if !of.techniques.is_empty() {
             for object in work.iter_mut() {
-                object.trace_indirect(scene, options, transfer, stats)?;
+                object.bake_factors(of, stats)?;
             }
             clock.lap("transfer");
         }
         let split: u64 = work
             .par_iter_mut()
             .filter(|object| object.standing().is_none())
-            .map(|object| object.split(&options.points[object.plan.object as usize], options, transfer))
+            .map(|object| object.split(&options.points[object.plan.object as usize], of))
             .sum::<Result<u64, BakeError>>()?;
         clock.lap("refine");
         if split == 0 {

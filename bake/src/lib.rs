@@ -9,12 +9,13 @@
 //! | [`trace`] | everything that casts rays |
 //! | [`reach`] | what can be seen from where: pieces, tiles, keys, and what an edit reaches |
 //! | [`points`] | points and patches of an object |
+//! | [`engine`] | who runs the shards |
+//! | [`factor`] | what a patch is baked for, and the one driver |
 //! | [`block_product`], [`vmf_transfer`] | what belongs to one technique |
 //! | [`budget`] | the fewest points that keep to a budget of error |
 //! | [`options`] | what decides a bake |
 //! | [`cost`] | points counted, memory and time estimated |
 //! | [`reuse`] | what an earlier bake knows |
-//! | [`engine`] | who runs the shards |
 //! | [`seal`], [`bake`] | the bake and its manifest |
 //! | [`settings`] | from scene.toml to options |
 //! | [`reference`](mod@reference), [`check`] | the path tracer; what will look wrong |
@@ -26,6 +27,7 @@ pub mod check;
 pub mod cost;
 pub mod engine;
 pub mod error;
+pub mod factor;
 pub mod mesh;
 pub mod options;
 pub mod points;

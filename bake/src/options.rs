@@ -1,10 +1,14 @@
 //! What decides a bake, besides the scene.
 
+pub use crate::block_product::visibility::baker::Paranoid;
+
 use crate::block_product::visibility::patch::shades_of;
 use crate::budget::Probes;
+use crate::engine::Engine;
+use crate::factor::Technique;
 use crate::mesh::PointParams;
 use crate::trace::TreeQuality;
-use crate::vmf_transfer::transfer::TransferOptions;
+use prelight_manifests::Technique as Name;
 use prelight_manifests::quality::Shades;
 use std::sync::Arc;
 
@@ -19,14 +23,12 @@ pub struct BakeOptions {
     pub visibility: Vec<Shades>,
     /// Effort of the tree's builder; changes no bit.
     pub tree: TreeQuality,
-    /// One per object: how its indirect light is baked, if it is. May be shorter.
-    pub transfer: Vec<Option<TransferOptions>>,
-    /// Surfaces between a point and the environment that indirect light crosses, at least 1.
-    pub bounces: u32,
+    /// Techniques that add factors to visibility. An object is baked by the first that takes it, or else as `block_product`.
+    pub techniques: Vec<Arc<dyn Technique>>,
     /// Bytes that the bake may hold; changes no bit.
     pub memory: u64,
-    /// Shuffles the order of shards, for tests; changes no bit.
-    pub shuffle_shards: Option<u64>,
+    /// Who runs the shards; changes no bit.
+    pub engine: Arc<dyn Engine>,
     /// What concerns work that is already in the store.
     pub rebake: RebakeOptions,
 }
@@ -60,9 +62,14 @@ impl BakeOptions {
         counts
     }
 
-    /// How an object's indirect light is baked, if it is.
-    pub fn transfer_of(&self, object: u32) -> Option<&TransferOptions> {
-        self.transfer.get(object as usize).and_then(Option::as_ref)
+    /// The technique that takes an object; `None` for `block_product`.
+    pub fn technique_of(&self, object: u32) -> Option<&dyn Technique> {
+        self.techniques.iter().map(|technique| &**technique).find(|technique| technique.takes(object))
+    }
+
+    /// Name of an object's technique, as the asset has it.
+    pub fn technique_name(&self, object: u32) -> &str {
+        self.technique_of(object).map_or(Name::BlockProduct.name(), Technique::name)
     }
 }
 
@@ -84,13 +91,4 @@ impl RebakeOptions {
     pub fn wants(&self, object: usize) -> bool {
         self.only.as_ref().is_none_or(|only| only.get(object).copied().unwrap_or(false))
     }
-}
-
-/// How much of what is taken from the store is traced again, to be sure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Paranoid {
-    /// Tiles a patch.
-    pub tiles: u32,
-    /// Which ones: another seed, others.
-    pub seed: u64,
 }

@@ -4,19 +4,23 @@ use crate::budget::{Choice, Directions, choose};
 use crate::cost::counts::{Counter, Counts};
 use crate::cost::density::density_of;
 use crate::cost::estimate::count_points_of;
+use crate::engine::Threads;
 use crate::error::BakeError;
+use crate::factor::Technique;
 use crate::mesh::PointParams;
 use crate::options::{BakeOptions, RebakeOptions};
 use crate::progress::Progress;
 use crate::trace::{OccluderOptions, Occluders, TreeQuality};
+use crate::vmf_transfer::VmfTransfer;
 use crate::vmf_transfer::angular::ViewOptions;
 use crate::vmf_transfer::edges::MeshOptions;
 use crate::vmf_transfer::transfer::{MOST_PATHS, TransferOptions};
 use prelight_manifests::quality::{BvhBuild, Quality, Shades};
-use prelight_manifests::{SceneManifest, Technique};
+use prelight_manifests::{SceneManifest, Technique as Name};
 use prelight_scene::Scene;
 use prelight_scene::overrides::ObjectKnobs;
 use prelight_scene::world::World;
+use std::sync::Arc;
 
 /// Everything resolved.
 #[derive(Clone, Debug)]
@@ -82,10 +86,9 @@ impl Settings {
             face_resolution: knobs.face_resolution,
             visibility: objects.iter().map(|object| object.knobs.visibility).collect(),
             tree,
-            transfer: objects.iter().map(|object| transfer(object, manifest.bake.quality)).collect(),
-            bounces: manifest.bake.bounces.unwrap_or(1),
+            techniques: techniques(manifest, objects),
             memory,
-            shuffle_shards: None,
+            engine: Arc::new(Threads::default()),
             rebake: RebakeOptions { layers: objects.iter().map(|object| object.layer).collect(), ..RebakeOptions::default() },
         };
         let known = derived.as_ref().map(|density| (start.with_edge_length(edge_length), &density.points[..]));
@@ -98,7 +101,7 @@ impl Settings {
         };
         let mut directions: Vec<Directions> = Directions::LADDER.iter().filter(is_allowed).copied().collect();
         // Shades that the ladder has not, or indirect light, whose lobes were baked and fitted at the preset's directions.
-        if directions.is_empty() || options.transfer.iter().any(Option::is_some) {
+        if directions.is_empty() || !options.techniques.is_empty() {
             directions = vec![Directions { face_resolution: options.face_resolution, shades: knobs.visibility }];
         }
         let (derived, pinned) = (pinned.is_none(), objects.iter().map(|object| object.visibility).collect());
@@ -138,6 +141,15 @@ const THIN_ERROR: f64 = 1.5;
 /// Norm of a slice below which it needs no accuracy of its own, sr^-½: two hundredths of a wide lobe.
 const SLICE_FLOOR: f64 = 0.02;
 
+/// The techniques that objects ask for beyond `block_product`.
+fn techniques(manifest: &SceneManifest, objects: &[ObjectKnobs]) -> Vec<Arc<dyn Technique>> {
+    let transfers: Vec<_> = objects.iter().map(|object| transfer(object, manifest.bake.quality)).collect();
+    if transfers.iter().all(Option::is_none) {
+        return Vec::new();
+    }
+    vec![Arc::new(VmfTransfer { objects: transfers, bounces: manifest.bake.bounces.unwrap_or(1) })]
+}
+
 /// How an object's indirect light is baked, if its technique has any.
 fn transfer(object: &ObjectKnobs, quality: Quality) -> Option<TransferOptions> {
     let max = match quality {
@@ -148,7 +160,7 @@ fn transfer(object: &ObjectKnobs, quality: Quality) -> Option<TransferOptions> {
     let error = object.knobs.max_error;
     let views = ViewOptions { start: 1, max, budget: SLICE_ERROR * error, floor: SLICE_FLOOR };
     let mesh = MeshOptions { budget: EDGE_ERROR * error, predicted: SLICE_ERROR * error, floor: SLICE_FLOOR };
-    (object.technique == Technique::VmfTransfer).then_some(TransferOptions {
+    (object.technique == Name::VmfTransfer).then_some(TransferOptions {
         views,
         mesh,
         thin: THIN_ERROR * error,

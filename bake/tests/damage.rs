@@ -7,6 +7,7 @@ mod boxes;
 
 use boxes::cuboid;
 use prelight_bake::bake::{Baked, bake};
+use prelight_bake::engine::Threads;
 use prelight_bake::mesh::PointParams;
 use prelight_bake::options::{BakeOptions, RebakeOptions};
 use prelight_bake::progress::Silent;
@@ -41,9 +42,8 @@ fn options(scene: &Scene) -> BakeOptions {
         visibility: Vec::new(),
         tree: TreeQuality::Fast,
         memory: 1 << 30,
-        transfer: Vec::new(),
-        bounces: 1,
-        shuffle_shards: None,
+        techniques: Vec::new(),
+        engine: Arc::new(Threads::default()),
         rebake: RebakeOptions::default(),
     }
 }

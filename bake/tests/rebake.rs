@@ -7,6 +7,7 @@ use edits::{ALL, Edit, Random, apply};
 use prelight_bake::bake::{Baked, bake};
 use prelight_bake::block_product::visibility::bits::PatchBits;
 use prelight_bake::block_product::visibility::patch::{PatchInputs, Resolution, Shadowing, candidates, resolve, stale_tiles};
+use prelight_bake::engine::Threads;
 use prelight_bake::mesh::PointParams;
 use prelight_bake::options::{BakeOptions, Paranoid, RebakeOptions};
 use prelight_bake::points::plan_object;
@@ -86,9 +87,8 @@ fn options(scene: &Scene) -> BakeOptions {
         visibility: Vec::new(),
         tree: TreeQuality::Fast,
         memory: 1 << 30,
-        transfer: Vec::new(),
-        bounces: 1,
-        shuffle_shards: None,
+        techniques: Vec::new(),
+        engine: Arc::new(Threads::default()),
         rebake: RebakeOptions::default(),
     }
 }
@@ -123,7 +123,7 @@ fn keys_of(scene: &Scene, options: &BakeOptions, store: &Store, object: usize) -
     let rows = plan.patches.iter().flat_map(|patch| {
         let mut found = candidates(store, &PatchInputs::new(&of, &plan, patch)).expect("the store can be read");
         assert_eq!(found.len(), 1, "one record a patch in a clean store");
-        found.remove(0).table.rows().iter().map(|row| (row.key, row.name)).collect::<Vec<Row>>()
+        found.remove(0).row.rows().iter().map(|row| (row.key, row.name)).collect::<Vec<Row>>()
     });
     rows.collect()
 }
@@ -379,7 +379,7 @@ fn paranoia_finds_a_tile_that_is_not_what_its_key_promises() {
             lies += u32::from(stranger != found.descriptor);
             let bytes = prelight_store::ChunkSource::chunk(&store, &stranger).unwrap();
             let put = writer.put(stranger.kind, stranger.dtype, stranger.shape.clone(), &bytes).unwrap();
-            writer.record(inputs.key, prelight_store::Record { chunks: vec![put], data: found.table.encode() });
+            writer.record(inputs.key, prelight_store::Record { chunks: vec![put], data: found.row.encode() });
         }
     }
     writer.commit().unwrap();

@@ -235,19 +235,10 @@ fn summary(baked: &Baked, loaded: &Loaded, asset: &Path, store: &Path, read_seco
     if !loaded.settings.choices.is_empty() {
         summary.set("seconds.budget", loaded.budget_seconds);
     }
-    if stats.transfer.rays > 0 || loaded.settings.options.transfer.iter().any(Option::is_some) {
-        let transfer = &stats.transfer;
-        summary
-            .set("transfer.patches_traced", transfer.patches_traced)
-            .set("transfer.points_lit", transfer.lit_points)
-            .set("transfer.rays", transfer.rays)
-            .set("transfer.slices", transfer.slices)
-            .set("transfer.lobes", transfer.lobes)
-            .set("transfer.levels", transfer.levels.to_vec())
-            .set("transfer.noise_limited", transfer.noise_limited)
-            .set("transfer.samples_per_slice", transfer.samples_per_slice());
-        if let Some(options) = loaded.settings.options.transfer.iter().flatten().next() {
-            summary.set("transfer.slice_threshold", options.views.budget).set("transfer.edge_threshold", options.mesh.budget);
+    for technique in &loaded.settings.options.techniques {
+        let tally = stats.tallies.get(technique.name()).cloned().unwrap_or_default();
+        for (name, figure) in technique.figures(&tally) {
+            summary.set(name, figure);
         }
     }
     for (stage, seconds) in &stats.seconds {

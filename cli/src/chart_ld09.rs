@@ -12,6 +12,7 @@ use super::render::Picture;
 use super::truth::{Truth, kept_or_traced};
 use super::{Context, ExitCode, Failure, Summary};
 use prelight_bake::progress::check;
+use prelight_bake::vmf_transfer::VmfTransfer;
 use prelight_chart::glossy::{GlossyRow, LobeSizes, glossy_text, level_svg, lobe_sizes, mesh_svg};
 use prelight_chart::truth::KeptReference;
 use prelight_chart::uniform::{ERRORS, MeshError, equal_points, root_mean_square, uniform_plot, uniform_text};
@@ -231,7 +232,7 @@ impl Ld09<'_> {
     fn dense(&self, lights: &[ChartLight], views: &[ChartView]) -> Result<MeshError, Failure> {
         let start = Instant::now();
         let mut loaded = Loaded::open(&self.args.scene.scene, None, &self.args.knobs, self.context)?;
-        loaded.settings.options.transfer.iter_mut().flatten().for_each(|transfer| transfer.thin = 0.0);
+        VmfTransfer::change(&mut loaded.settings.options.techniques, |transfer| transfer.thin = 0.0);
         let path = self.args.output.join("dense.prelight.json");
         bake_loaded(&loaded, Some(path.clone()), false, start, self.context)?;
         let asset = open_asset(&path, self.context)?;
@@ -248,7 +249,7 @@ impl Ld09<'_> {
             let mut loaded = Loaded::open(&self.args.scene.scene, None, &knobs, self.context)?;
             loaded.settings.options.points.iter_mut().for_each(|params| params.area_floor = 1.0);
             let eyes: Vec<[f32; 3]> = views.iter().map(|view| view.camera.eye).collect();
-            loaded.settings.options.transfer.iter_mut().flatten().for_each(|transfer| transfer.eyes = eyes.clone());
+            VmfTransfer::change(&mut loaded.settings.options.techniques, |transfer| transfer.eyes.clone_from(&eyes));
             let path = self.args.output.join(format!("uniform-{edge_length}.prelight.json"));
             bake_loaded(&loaded, Some(path.clone()), false, start, self.context)?;
             let asset = open_asset(&path, self.context)?;

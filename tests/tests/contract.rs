@@ -2,10 +2,13 @@
 
 use prelight_bake::BakeError;
 use prelight_bake::bake::bake;
-use prelight_bake::progress::StopAfter;
+use prelight_bake::engine::{Engine, Round, Threads};
+use prelight_bake::options::{BakeOptions, Paranoid, RebakeOptions};
+use prelight_bake::progress::{Progress, StopAfter};
 use prelight_scene::chunks::scene_from_asset;
 use prelight_store::Store;
 use prelight_tests::{bake_into, cuboid, options, scene, still_life};
+use std::sync::Arc;
 
 fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
@@ -20,7 +23,7 @@ fn threads_and_order_of_shards_and_memory_change_no_digest() {
     assert!(expected.stats.points > 1500 && expected.stats.patches > 10, "{:?}", expected.stats);
     assert_eq!(expected.stats.patches_traced, expected.stats.patches);
     for (i, (threads, shuffle, memory)) in [(2, None, 4 << 30), (2, Some(1), 4 << 30), (3, Some(2), 128 << 20)].into_iter().enumerate() {
-        let options = prelight_bake::options::BakeOptions { shuffle_shards: shuffle, memory, ..plain.clone() };
+        let options = BakeOptions { engine: Arc::new(Threads { shuffle }), memory, ..plain.clone() };
         let baked = on_threads(threads, || bake_into(&scene, &options, &folder.path().join(format!("{}", i + 1))));
         assert_eq!(baked.asset_digest, expected.asset_digest, "{threads} threads, shuffled by {shuffle:?}, {memory} bytes");
     }
@@ -81,4 +84,30 @@ fn a_far_small_object_leaves_the_points_of_all_others_alone() {
         };
         assert_eq!((points(a), &a.mesh), (points(b), &b.mesh), "{}", a.name);
     }
+}
+
+/// Says that everything is done elsewhere, and does nothing.
+#[derive(Debug)]
+struct Elsewhere;
+
+impl Engine for Elsewhere {
+    fn ensure(&self, _: &dyn Round, _: &Store, _: &dyn Progress) -> Result<u64, BakeError> {
+        Ok(0)
+    }
+}
+
+#[test]
+fn what_an_engine_ran_elsewhere_is_collected_by_looking_it_up() {
+    let scene = still_life();
+    let folder = tempfile::tempdir().unwrap();
+    let plain = options(&scene, 0.1);
+    let expected = bake_into(&scene, &plain, &folder.path().join("here"));
+    // Objects that are known whole would not be looked up patch by patch.
+    let rebake = RebakeOptions { paranoid: Some(Paranoid { tiles: 0, seed: 0 }), ..RebakeOptions::default() };
+    let elsewhere = BakeOptions { engine: Arc::new(Elsewhere), rebake, ..plain };
+    let found = bake_into(&scene, &elsewhere, &folder.path().join("here"));
+    assert_eq!((found.asset_digest, found.stats.tiles.traced), (expected.asset_digest, 0));
+    // An engine that was wrong costs time, no bit.
+    let made = bake_into(&scene, &elsewhere, &folder.path().join("empty"));
+    assert_eq!((made.asset_digest, made.stats.tiles.traced), (expected.asset_digest, expected.stats.tiles.traced));
 }

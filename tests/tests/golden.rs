@@ -6,6 +6,7 @@ use prelight_bake::bake::Baked;
 use prelight_bake::cost::counts::Counts;
 use prelight_bake::options::BakeOptions;
 use prelight_bake::settings::Settings;
+use prelight_bake::vmf_transfer::VmfTransfer;
 use prelight_bake::vmf_transfer::angular::ViewOptions;
 use prelight_bake::vmf_transfer::edges::MeshOptions;
 use prelight_bake::vmf_transfer::transfer::TransferOptions;
@@ -17,6 +18,7 @@ use prelight_scene::world::World;
 use prelight_store::digest_of;
 use prelight_tests::{bake_into, cuboid, options, quad, scene, shared, still_life};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Bytes that a bake may hold.
 const MEMORY: u64 = 2 << 30;
@@ -79,6 +81,7 @@ fn indirect_light_has_the_chunks_of_the_day_before() {
         most_paths: 256,
         eyes: Vec::new(),
     };
-    let options = BakeOptions { transfer: vec![Some(transfer); scene.objects.len()], bounces: 2, ..options(&scene, 0.3) };
+    let technique = VmfTransfer { objects: vec![Some(transfer); scene.objects.len()], bounces: 2 };
+    let options = BakeOptions { techniques: vec![Arc::new(technique)], ..options(&scene, 0.3) };
     check("two bounces", &(scene, options), "37b671fe739eac96733f63cd483efbd6ac6c1e8b8b6f50c648ea9a4550a85c41");
 }

@@ -4,6 +4,7 @@ use prelight_bake::options::BakeOptions;
 use prelight_bake::progress::Silent;
 use prelight_bake::reference::{ReferenceOptions, render_reference};
 use prelight_bake::trace::{OccluderOptions, Occluders};
+use prelight_bake::vmf_transfer::VmfTransfer;
 use prelight_bake::vmf_transfer::angular::ViewOptions;
 use prelight_bake::vmf_transfer::edges::MeshOptions;
 use prelight_bake::vmf_transfer::transfer::TransferOptions;
@@ -19,6 +20,7 @@ use prelight_scene::Scene;
 use prelight_scene::world::World;
 use prelight_store::Store;
 use prelight_tests::{bake_into, cuboid, options, quad, scene, sphere};
+use std::sync::Arc;
 
 const TRANSFER: TransferOptions = TransferOptions {
     views: ViewOptions { start: 1, max: 3, budget: 0.15, floor: 0.02 },
@@ -28,8 +30,13 @@ const TRANSFER: TransferOptions = TransferOptions {
     eyes: Vec::new(),
 };
 
+fn with(transfer: TransferOptions, scene: &Scene, edge_length: f32) -> BakeOptions {
+    let technique = VmfTransfer { objects: vec![Some(transfer); scene.objects.len()], bounces: 1 };
+    BakeOptions { techniques: vec![Arc::new(technique)], ..options(scene, edge_length) }
+}
+
 fn with_transfer(scene: &Scene, edge_length: f32) -> BakeOptions {
-    BakeOptions { transfer: vec![Some(TRANSFER); scene.objects.len()], ..options(scene, edge_length) }
+    with(TRANSFER, scene, edge_length)
 }
 
 /// A glossy metal ball with a bar before it, as a pot and its handle, on a matt floor.
@@ -102,11 +109,15 @@ fn indirect_light_brings_the_picture_to_the_reference_with_one_bounce() {
     let (scene, edge_length) = (pot(0.35), 0.045);
     let (asset, stats) = open(&scene, &with_transfer(&scene, edge_length));
     assert!(asset.manifest().content.objects.iter().all(|object| object.technique == Technique::VmfTransfer.name()));
-    assert!(stats.transfer.rays > 0 && stats.transfer.lit_points > 0 && stats.transfer.lit_points < stats.points);
+    assert!(
+        stats.tally("vmf_transfer", "rays") > 0
+            && stats.tally("vmf_transfer", "lit_points") > 0
+            && stats.tally("vmf_transfer", "lit_points") < stats.points
+    );
     let (reference, mask) = truth(&scene, edge_length, 1);
     let error = |image: &Image| relative_l2(image, &reference, &mask).unwrap();
     let (with, without) = (error(&picture(&asset, true)), error(&picture(&asset, false)));
-    println!("relative L2 with indirect light {with:.4}, without {without:.4}; {:?}", stats.transfer);
+    println!("relative L2 with indirect light {with:.4}, without {without:.4}; {:?}", stats.tallies);
     // What is left is interpolation over 4.5 cm and the noise of 64 samples.
     assert!(with < 0.08, "{with}, without indirect light {without}");
     assert!(with < 0.4 * without, "{with}, without indirect light {without}");
@@ -119,8 +130,8 @@ fn indirect_light_brings_the_picture_to_the_reference_with_one_bounce() {
 #[test]
 fn threads_and_resuming_change_no_digest_of_transfer() {
     let scene = pot(0.5);
-    let mut options = with_transfer(&scene, 0.15);
-    options.transfer.iter_mut().flatten().for_each(|own| own.mesh.budget = 0.6);
+    let mesh = MeshOptions { budget: 0.6, ..TRANSFER.mesh };
+    let options = with(TransferOptions { mesh, ..TRANSFER }, &scene, 0.15);
     let folder = tempfile::tempdir().unwrap();
     let on = |threads: usize, name: &str| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -128,9 +139,12 @@ fn threads_and_resuming_change_no_digest_of_transfer() {
     };
     let (one, three) = (on(1, "one"), on(3, "three"));
     assert_eq!(one.asset_digest, three.asset_digest);
-    assert_eq!(one.stats.transfer.patches_traced, one.stats.patches);
+    assert_eq!(one.stats.tally("vmf_transfer", "patches_traced"), one.stats.patches);
     let again = on(2, "one");
-    assert_eq!((again.asset_digest, again.stats.transfer.patches_traced, again.stats.transfer.rays), (one.asset_digest, 0, 0));
+    assert_eq!(
+        (again.asset_digest, again.stats.tally("vmf_transfer", "patches_traced"), again.stats.tally("vmf_transfer", "rays")),
+        (one.asset_digest, 0, 0)
+    );
     assert!(one.stats.points_split > 0, "rounds of refinement are part of what is compared");
     // Direct light is the same chunks as without.
     let unsplit = bake_into(&scene, &with_transfer(&scene, 0.15), &folder.path().join("one"));
@@ -151,6 +165,6 @@ fn a_moved_thing_makes_every_key_of_transfer_new() {
     let folder = tempfile::tempdir().unwrap();
     let first = bake_into(&before, &with_transfer(&before, 0.2), folder.path());
     let second = bake_into(&after, &with_transfer(&after, 0.2), folder.path());
-    assert_eq!(second.stats.transfer.patches_traced, second.stats.patches, "the one exception to locality");
+    assert_eq!(second.stats.tally("vmf_transfer", "patches_traced"), second.stats.patches, "the one exception to locality");
     assert_eq!(first.stats.patches, second.stats.patches);
 }

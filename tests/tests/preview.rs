@@ -3,6 +3,7 @@
 use prelight_bake::bake::{Baked, bake_counted, bake_with_previews};
 use prelight_bake::cost::estimate::count_points;
 use prelight_bake::progress::Silent;
+use prelight_bake::vmf_transfer::VmfTransfer;
 use prelight_bake::vmf_transfer::angular::ViewOptions;
 use prelight_bake::vmf_transfer::edges::MeshOptions;
 use prelight_bake::vmf_transfer::transfer::TransferOptions;
@@ -19,6 +20,7 @@ use prelight_store::Store;
 use prelight_tests::{options, quad, scene, sphere};
 use std::collections::HashSet;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 /// A finely scanned ball on a finely scanned table before a wall of two triangles.
 fn still() -> Scene {
@@ -115,7 +117,7 @@ fn a_preview_does_not_wait_for_light_over_other_surfaces() {
         most_paths: 256,
         eyes: Vec::new(),
     };
-    options.transfer = vec![Some(transfer); scene.objects.len()];
+    options.techniques = vec![Arc::new(VmfTransfer { objects: vec![Some(transfer); scene.objects.len()], bounces: 1 })];
     let world = World::build(&scene);
     let counts = count_points(&scene, &world, &options.points, None).unwrap();
     let folder = tempfile::tempdir().unwrap();

@@ -1,55 +1,40 @@
 //! Sealing the objects of a batch: their chunks, their part of the manifest, and the records by which a later bake takes them over whole.
 
+use super::context::Context;
 use super::stats::BakeStats;
 use super::work::{ObjectWork, trace_missing};
+use crate::block_product::visibility::baker::VisibilityBaker;
 use crate::budget::{ObjectError, Probes};
-use crate::engine::threads::Tracer;
 use crate::error::BakeError;
-use crate::options::BakeOptions;
 use crate::points::ObjectPlan;
 use crate::points::buried::BuriedProbe;
 use crate::points::preview::first_stops;
 use crate::points::surface::point_surfaces;
-use crate::progress::{Progress, Stage, check};
+use crate::progress::{Stage, check};
 use crate::reach::snapshot::Snapshot;
-use crate::reuse::object::{ObjectChunks, ObjectCounts, ObjectKey};
+use crate::reuse::object::{ObjectChunks, ObjectCounts};
 use crate::trace::Occluders;
-use crate::vmf_transfer::baker::TransferBaker;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
 use prelight_manifests::{ChunkKind, Dtype, Technique};
 use prelight_runtime::asset::points::PATCH_POINTS;
-use prelight_scene::Scene;
 use prelight_scene::chunks::base_chunk;
 use prelight_scene::world::World;
-use prelight_store::{MAX_RECORD_DATA, Record, Store};
+use prelight_store::{MAX_RECORD_DATA, Record};
 use rayon::prelude::*;
 use std::cell::OnceCell;
 
-/// What sealing an object reads beside the object.
-pub(super) struct Sealing<'a> {
-    pub scene: &'a Scene,
-    pub options: &'a BakeOptions,
-    pub store: &'a Store,
-    pub progress: &'a dyn Progress,
-    /// `[objects of the scene]`.
-    pub keys: &'a [Option<ObjectKey>],
-    pub snapshot: &'a Snapshot,
-    /// Where an object asks for it.
-    pub transfer: Option<&'a TransferBaker<'a>>,
-}
-
-impl Sealing<'_> {
+impl Context<'_> {
     /// Traces what a preview of about so many points needs, and gives that part of each object.
     pub fn first_points(
         &self,
         work: &mut [ObjectWork],
         points: usize,
-        tracer: &Tracer,
+        baker: &VisibilityBaker,
         stats: &mut BakeStats,
     ) -> Result<Vec<ObjectWork>, BakeError> {
         let plans: Vec<&ObjectPlan> = work.iter().map(|object| &object.plan).collect();
         let stops = first_stops(&plans, points);
-        trace_missing(tracer, self.options, work, stats, Some(&stops))?;
+        trace_missing(baker, self, work, stats, Some(&stops))?;
         Ok(work.par_iter().zip(&stops).map(|(object, stop)| object.first_patches((*stop).max(object.visibility.len()))).collect())
     }
 
@@ -106,21 +91,11 @@ impl Sealing<'_> {
             // Chunks that an earlier bake made of the same points, split alike.
             let before = object.chunks_before();
             let surfaces = OnceCell::new();
-            let surfaces = || surfaces.get_or_init(|| point_surfaces(self.scene, plan));
-            // Light over other surfaces takes a hundred times as long as what a preview is waited for.
-            let asked = self.options.transfer_of(plan.object).filter(|_| whole);
-            let indirect = match self.transfer.zip(asked) {
-                Some((baker, own)) => {
-                    // Mostly found: only averages over footprints that a last split has changed are new.
-                    let (chunks, took) = baker.run(plan, surfaces(), own)?;
-                    stats.bytes_stored += took.bytes_stored;
-                    stats.transfer.add(&took);
-                    chunks.into_iter().map(|patch| Some(patch.descriptor)).collect()
-                }
-                None => vec![None; plan.patches.len()],
-            };
+            let surfaces = || object.surfaces.as_ref().unwrap_or_else(|| surfaces.get_or_init(|| point_surfaces(self.scene, plan)));
+            // What a technique adds takes a hundred times as long as what a preview is waited for.
+            let technique = self.technique_of(plan.object).filter(|_| whole);
             let mut patches = Vec::with_capacity(plan.patches.len());
-            for (index, (patch, transfer)) in plan.patches.iter().zip(indirect).enumerate() {
+            for (index, patch) in plan.patches.iter().enumerate() {
                 let n = u64::from(patch.n_points);
                 let points = match before.filter(|(known, _)| object.is_buried_as(known, index)) {
                     Some((_, chunks)) => chunks.patches[index][0].clone(),
@@ -131,6 +106,7 @@ impl Sealing<'_> {
                     None => writer.put(ChunkKind::Surface, Dtype::U8, vec![n], &surfaces().patch(patch).to_chunk())?,
                 };
                 let visibility = object.visibility[index].0.clone();
+                let transfer = object.factors.first().filter(|_| technique.is_some()).map(|patches| patches[index].descriptor.clone());
                 patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility, transfer });
                 stage.advance(1);
                 waiting += n as usize;
@@ -152,7 +128,7 @@ impl Sealing<'_> {
             };
             let made = AssetObject {
                 name: source.name.clone(),
-                technique: if asked.is_some() { Technique::VmfTransfer } else { Technique::BlockProduct }.name().to_string(),
+                technique: technique.map_or(Technique::BlockProduct.name(), |technique| technique.name).to_string(),
                 n_points: plan.n_points() as u32,
                 n_triangles: plan.n_triangles() as u32,
                 base,
@@ -163,7 +139,7 @@ impl Sealing<'_> {
             };
             let counts = ObjectCounts { triangles: made.n_triangles, buried: plan.n_buried() as u32, ..object.counts };
             if recorded
-                && asked.is_none()
+                && technique.is_none()
                 && let Some(key) = &self.keys[plan.object as usize]
             {
                 let light = object.light(self.options);

@@ -1,11 +1,12 @@
 //! Counts and times of a bake.
 
+use crate::block_product::visibility::baker::Traced;
 use crate::budget::ObjectError;
-use crate::engine::threads::PatchResult;
+use crate::factor::Tally;
 use crate::reach::changes::StalePatch;
 use crate::reuse::object::ObjectCounts;
-use crate::vmf_transfer::baker::TransferStats;
 use prelight_manifests::asset::AssetObject;
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// Counts and times of a bake.
@@ -27,8 +28,8 @@ pub struct BakeStats {
     pub stale: Vec<StalePatch>,
     /// Points added because neighbours saw different things.
     pub points_split: u64,
-    /// What indirect light took.
-    pub transfer: TransferStats,
+    /// Counts of the factors that techniques add to visibility, by the technique's name.
+    pub tallies: BTreeMap<String, Tally>,
     /// Points of objects that were worked on, not taken over whole from an earlier bake.
     pub points_made: u64,
     /// Plain bytes of all chunks that the asset names, each once.
@@ -48,6 +49,11 @@ impl BakeStats {
         self.triangles += u64::from(counts.triangles);
         self.patches += object.patches.len() as u64;
         self.points_split += u64::from(counts.split);
+    }
+
+    /// A count of a technique's factors; 0 where nothing was counted.
+    pub fn tally(&self, technique: &str, name: &str) -> u64 {
+        self.tallies.get(technique).map_or(0, |tally| tally.of(name))
     }
 
     /// Counts an object that needs no work.
@@ -77,7 +83,7 @@ pub struct TileStats {
 }
 
 impl TileStats {
-    pub(super) fn add(&mut self, result: &PatchResult) {
+    pub(super) fn add(&mut self, result: &Traced) {
         let live = u64::from(result.live.count_ones());
         self.live += live;
         if result.is_new {

@@ -1,28 +1,30 @@
 //! The objects of a batch while they are worked on: traced, and split where neighbours differ.
 
+use super::context::Context;
 use super::stats::BakeStats;
+use crate::block_product::visibility::baker::{PatchTask, VisibilityBaker, VisibilityRound};
 use crate::block_product::visibility::border::{Breaks, Seen};
 use crate::block_product::visibility::difference::{OpenBits, is_same};
 use crate::budget::{Drawn, ObjectError, PLACES, Places, Probes, measure_baked};
-use crate::engine::threads::{PatchTask, Tracer};
 use crate::error::BakeError;
+use crate::factor::plain::{Plain, PlainRound};
+use crate::factor::{FactorRound, PatchChunk};
 use crate::mesh::PointParams;
 use crate::mesh::edge::Answers;
 use crate::options::BakeOptions;
 use crate::points::ObjectPlan;
 use crate::points::buried::BuriedProbe;
 use crate::points::differing::{MAX_ROUNDS, split_differing};
-use crate::points::surface::point_surfaces;
+use crate::points::surface::{ObjectSurfaces, point_surfaces};
+use crate::progress::Stage;
 use crate::reach::changes::StalePatch;
 use crate::reach::seen::{LightPatch, LightRecord, PatchReach};
 use crate::reach::shaft::OriginBoxes;
 use crate::reuse::object::{KnownLight, ObjectChunks, ObjectCounts, raster};
 use crate::trace::Occluders;
-use crate::vmf_transfer::baker::{PatchTransfer, TransferBaker};
 use prelight_manifests::Descriptor;
 use prelight_runtime::asset::points::BURIED;
 use prelight_runtime::block_product::visibility::Visibility;
-use prelight_scene::Scene;
 use prelight_scene::world::World;
 use prelight_store::Chunk;
 use std::cell::{Cell, OnceCell, RefCell};
@@ -45,8 +47,10 @@ pub(super) struct ObjectWork {
     known: Option<Box<KnownLight>>,
     /// Pairs of points that were asked for leaks and have one.
     differing: Vec<[u32; 2]>,
-    /// Light over other surfaces as it is now, and the normals that its slices lie about; empty where the object has none.
-    indirect: (Vec<PatchTransfer>, Vec<[f32; 3]>),
+    /// `[factors][patches]` what the object's technique adds to visibility; empty where it adds nothing, or was not asked yet.
+    pub factors: Vec<Vec<PatchChunk<Plain>>>,
+    /// Averages over the footprints of the points that there are; `None` before they were asked for, and after a split.
+    pub surfaces: Option<ObjectSurfaces>,
     /// Points below this were there when edges were last split: those between them were asked then, and the answer does not change.
     judged: u32,
     /// Rounds of each kind so far, [`STANDS`] and [`EDGES`], at most [`MAX_ROUNDS`].
@@ -63,7 +67,8 @@ impl ObjectWork {
             buried: Vec::new(),
             known,
             differing: Vec::new(),
-            indirect: Default::default(),
+            factors: Vec::new(),
+            surfaces: None,
             judged: 0,
             rounds: [0; 2],
             counts: ObjectCounts::default(),
@@ -164,26 +169,39 @@ impl ObjectWork {
         Ok(ObjectError { object: self.plan.object as usize, sums, grid })
     }
 
-    /// Traces what other surfaces send to the points that there are, if the object asks for it.
-    pub fn trace_indirect(
-        &mut self,
-        scene: &Scene,
-        options: &BakeOptions,
-        baker: &TransferBaker,
-        stats: &mut BakeStats,
-    ) -> Result<(), BakeError> {
-        let Some(own) = options.transfer_of(self.plan.object) else { return Ok(()) };
-        let surfaces = point_surfaces(scene, &self.plan);
-        let (patches, took) = baker.run(&self.plan, &surfaces, own)?;
-        stats.bytes_stored += took.bytes_stored;
-        stats.transfer.add(&took);
-        self.indirect = (patches, surfaces.normal);
+    /// Bakes what the object's technique adds to visibility: for patches that are new, and those whose averages the last split has changed.
+    pub fn bake_factors(&mut self, of: &Context, stats: &mut BakeStats) -> Result<(), BakeError> {
+        let Some(technique) = of.technique_of(self.plan.object).filter(|_| self.surfaces.is_none()) else { return Ok(()) };
+        let surfaces = point_surfaces(of.scene, &self.plan);
+        let factors = technique.factors.object(&self.plan, &surfaces);
+        self.factors.resize_with(factors.len(), Vec::new);
+        for (factor, done) in factors.iter().zip(&mut self.factors) {
+            let patches = &self.plan.patches;
+            let is_stale = |index: &usize| done.get(*index).is_none_or(|done| done.kept.key != Some(factor.key(&patches[*index])));
+            let stale: Vec<usize> = (0..patches.len()).filter(is_stale).collect();
+            let round = PlainRound { factor: &**factor, patches: stale.iter().map(|index| &patches[*index]).collect() };
+            let points = round.patches.iter().map(|patch| u64::from(patch.n_points)).sum();
+            let _stage = Stage::begin(of.progress, "transfer", Some(points), "points");
+            let (made, bytes_stored) = FactorRound::new(&round, of.store, of.progress).bake(&*of.options.engine)?;
+            stats.bytes_stored += bytes_stored;
+            let tally = stats.tallies.entry(technique.name.to_string()).or_default();
+            for (index, made) in stale.into_iter().zip(made) {
+                tally.extend(&made.kept.tally);
+                match done.get_mut(index) {
+                    Some(before) => *before = made,
+                    None => done.push(made),
+                }
+            }
+        }
+        drop(factors);
+        self.surfaces = Some(surfaces);
         Ok(())
     }
 
-    /// Splits edges whose ends see different things, where a budget asks for it also those that borders of shadows cross, or get other indirect light; returns how many points that added.
-    pub fn split(&mut self, params: &PointParams, options: &BakeOptions, transfer: Option<&TransferBaker>) -> Result<u64, BakeError> {
-        let face_resolution = options.face_resolution;
+    /// Splits edges whose ends see different things, where a budget asks for it also those that borders of shadows cross, or whose ends differ
+    /// in what the technique adds; returns how many points that added.
+    pub fn split(&mut self, params: &PointParams, of: &Context) -> Result<u64, BakeError> {
+        let face_resolution = of.options.face_resolution;
         let first: Vec<u32> = self.plan.patches.iter().map(|patch| patch.first).collect();
         let patch_of = |i: u32| first.partition_point(|first| *first <= i) - 1;
         let patches: Vec<OnceCell<Visibility>> = vec![OnceCell::new(); self.visibility.len()];
@@ -213,9 +231,9 @@ impl ObjectWork {
             let difference = |_: &mut _| bits.borrow_mut().difference((a, seen_a.visibility), (b, seen_b.visibility));
             breaks.split_by(difference, seen_a, seen_b, [is_buried(a), is_buried(b)], &mut scratch.borrow_mut())
         };
-        let (patches_lit, normal) = (&self.indirect.0, &self.indirect.1);
-        let baker = transfer.zip(options.transfer_of(self.plan.object));
-        let indirect = baker.map(|(baker, own)| baker.differing(&self.plan, patches_lit, normal, own));
+        let technique = of.technique_of(self.plan.object).zip(self.surfaces.as_ref());
+        let factors = technique.map_or_else(Vec::new, |(technique, surfaces)| technique.factors.object(&self.plan, surfaces));
+        let added: Vec<_> = factors.iter().zip(&self.factors).filter_map(|(factor, patches)| factor.differing(patches)).collect();
         let mut recall = self.known.as_deref().filter(|_| !params.coarser).map(|known| Recall::new(self, known));
         let answers = Answers::default();
         let (plan, differing) = loop {
@@ -224,8 +242,8 @@ impl ObjectWork {
                 if a.max(b) < self.judged {
                     return false;
                 }
-                let lobes = || !is_buried(a) && !is_buried(b) && indirect.as_ref().is_some_and(|differs| differs(a, b));
-                let ask = || answers.ask(a, b, || direct(a, b) || lobes());
+                let others = || !is_buried(a) && !is_buried(b) && added.iter().any(|differs| differs(a, b));
+                let ask = || answers.ask(a, b, || direct(a, b) || others());
                 let answer = match &recall {
                     Some(recall) => recall.answer([a, b], ask),
                     None => ask(),
@@ -256,7 +274,8 @@ impl ObjectWork {
             Some(recall) => !recall.has_gained.get(),
             None => params.coarser && self.known.as_deref().is_some_and(is_as_before),
         };
-        drop((patches, indirect));
+        drop((patches, added));
+        drop(factors);
         self.differing.extend(differing);
         if !goes_on {
             self.known = None;
@@ -269,7 +288,7 @@ impl ObjectWork {
             self.judged = self.plan.n_points() as u32;
         }
         self.counts.split += added as u32;
-        self.plan = plan;
+        (self.plan, self.surfaces) = (plan, None);
         Ok(added)
     }
 }
@@ -320,8 +339,8 @@ impl<'a> Recall<'a> {
 
 /// Looks up or traces every patch that has no visibility yet; of each object only those before its stop, where there are stops.
 pub(super) fn trace_missing(
-    tracer: &Tracer,
-    options: &BakeOptions,
+    baker: &VisibilityBaker,
+    of: &Context,
     work: &mut [ObjectWork],
     stats: &mut BakeStats,
     stops: Option<&[usize]>,
@@ -333,18 +352,19 @@ pub(super) fn trace_missing(
     let tasks: Vec<PatchTask> = (work.iter().enumerate())
         .flat_map(|(at, object)| {
             let plan = &object.plan;
-            let edge_length = options.points[plan.object as usize].edge_length;
+            let edge_length = of.options.points[plan.object as usize].edge_length;
             let indices = missing(at, object);
             let known = move |index: usize| object.known.as_deref().and_then(|known| known.patch(index));
             indices.map(move |index| PatchTask { plan, edge_length, patch: &plan.patches[index], known: known(index) })
         })
         .collect();
-    let outcome = tracer.run(&tasks)?;
+    let round = VisibilityRound { baker, tasks: &tasks };
+    let (patches, bytes_stored) = FactorRound::new(&round, of.store, of.progress).bake(&*of.options.engine)?;
     drop(tasks);
-    let mut results = outcome.patches.into_iter();
+    let mut results = patches.into_iter();
     for (at, object) in work.iter_mut().enumerate() {
         for patch in missing(at, object) {
-            let result = results.next().expect("one result a task, in their order");
+            let PatchChunk { descriptor, chunk, kept: result } = results.next().expect("one result a task, in their order");
             let first = object.plan.patches[patch].first;
             let buried: Vec<u32> = result.buried.iter().map(|local| first + u32::from(*local)).collect();
             object.plan.mark_buried(&buried);
@@ -356,11 +376,11 @@ pub(super) fn trace_missing(
                 stats.stale.push(StalePatch { object: object.plan.object, origins, tiles, is_new: result.is_new });
             }
             object.counts.live += result.live.count_ones();
-            object.visibility.push((result.visibility, result.chunk));
+            object.visibility.push((descriptor, chunk));
             object.reaches.push(result.reach);
             object.buried.push(result.buried);
         }
     }
-    stats.bytes_stored += outcome.bytes_stored;
+    stats.bytes_stored += bytes_stored;
     Ok(())
 }

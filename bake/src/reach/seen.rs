@@ -23,11 +23,12 @@
 //! covered it, and the first layer k < j to cover a texel found it open: C'_j = C_j ∪ { cells of C_k that a piece of layer k that is gone
 //! reaches, k < j }. Open cells of a record are therefore never less than the truth, and a record that has seen many edits may have more.
 
+use crate::reach::edit::Edit;
 use crate::reach::shaft::{Bounds, Raster, reached_cells};
 use crate::reach::snapshot::{Changes, SnapshotPiece};
 use crate::reach::tile::{TileSet, tiles_of_cells};
 use prelight_manifests::{ChunkKind, Descriptor, Digest};
-use prelight_store::{MAX_RECORD_DATA, Record};
+use prelight_store::{Chunk, MAX_RECORD_DATA, Record};
 
 const VERSION: u8 = 1;
 
@@ -148,6 +149,17 @@ pub struct LightPatch {
     pub buried: Vec<u8>,
     /// What all this depends on.
     pub reach: PatchReach,
+}
+
+/// A patch as an earlier bake found it.
+#[derive(Clone, Copy)]
+pub struct KnownPatch<'a> {
+    /// What it saw.
+    pub light: &'a LightPatch,
+    /// The same, read.
+    pub chunk: &'a Chunk,
+    /// What was done to the scene since, if that may have touched it.
+    pub edit: Option<&'a Edit>,
 }
 
 /// An object's patches in order, and which of its points differ.

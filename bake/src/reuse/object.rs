@@ -18,11 +18,11 @@ use crate::points::patch::PATCH_ORDER;
 use crate::reach::edit::Edit;
 use crate::reach::key::Hasher;
 use crate::reach::pieces::{Pieces, side};
-use crate::reach::seen::{LightPatch, LightRecord};
+use crate::reach::seen::{KnownPatch, LightRecord};
 use crate::reach::shaft::Raster;
 use crate::reach::snapshot::{Snapshot, Source};
 use prelight_manifests::asset::{AssetObject, AssetPatch};
-use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
+use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype, Technique};
 use prelight_scene::chunks::base_chunk;
 use prelight_scene::world::World;
 use prelight_scene::{Object, Scene};
@@ -104,7 +104,7 @@ impl ObjectChunks {
             .collect();
         AssetObject {
             name: source.name.clone(),
-            technique: "block_product".to_string(),
+            technique: Technique::BlockProduct.name().to_string(),
             n_points: patches.iter().map(|patch| patch.n_points).sum(),
             n_triangles: self.counts.triangles,
             base: self.base.clone(),
@@ -166,17 +166,6 @@ impl KnownLight {
         let (light, chunk) = (self.light.patches.get(index)?, self.visibility.get(index)?);
         Some(KnownPatch { light, chunk, edit: self.touched[index].then_some(&self.edit) })
     }
-}
-
-/// A patch as an earlier bake found it.
-#[derive(Clone, Copy)]
-pub struct KnownPatch<'a> {
-    /// What it saw.
-    pub light: &'a LightPatch,
-    /// The same, read.
-    pub chunk: &'a Chunk,
-    /// What was done to the scene since, if that may have touched it.
-    pub edit: Option<&'a Edit>,
 }
 
 /// What an earlier bake knows of an object.

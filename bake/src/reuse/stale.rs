@@ -57,7 +57,7 @@ pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &S
     let of = Shadowing { pieces: &pieces, occluders: &nothing, face_resolution: options.face_resolution, shades: &options.visibility };
     let wanted = |object: usize| options.rebake.wants(object);
     let keys = object_keys(scene, world, &pieces, options, &wanted);
-    let is_direct = |object: usize| options.transfer_of(object as u32).is_none();
+    let is_direct = |object: usize| options.technique_of(object as u32).is_none();
     let known = known_objects(scene, options, &keys, &snapshot(&pieces, &keys), store, &is_direct)?;
     let of_object = |object: usize| -> Result<Stale, BakeError> {
         check(progress)?;
@@ -79,7 +79,7 @@ pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &S
         let mut found = Stale::default();
         for patch in &plan.patches {
             let inputs = PatchInputs::new(&of, &plan, patch);
-            let tables: Vec<TileTable> = candidates(store, &inputs)?.into_iter().map(|candidate| candidate.table).collect();
+            let tables: Vec<TileTable> = candidates(store, &inputs)?.into_iter().map(|candidate| candidate.row).collect();
             let (live, missed) = stale_tiles(&of, &inputs, &tables);
             let is_new = tables.is_empty();
             let tiles = if is_new { live } else { missed };

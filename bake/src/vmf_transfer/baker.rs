@@ -1,4 +1,4 @@
-//! Indirect light of an object's patches: looked up in the ledger, or traced, put and recorded; one shard a patch, about a second of work.
+//! The factor `transfer`: indirect light of an object's patches, one shard a patch, about a second of work.
 //!
 //! ```text
 //! scene key = H(versions, bounces, per object: base chunk, transform, edge length; materials; textures; measured tables)
@@ -9,14 +9,15 @@
 //! slices, f32, which refinement of the mesh reads ([`crate::vmf_transfer::edges`]). Once paths record the lattice cells that they crossed, those follow.
 
 use crate::error::BakeError;
+use crate::factor::plain::{Differs, Plain};
+use crate::factor::{ObjectFactor, PatchChunk, SceneFactors, SceneInputs, Tally};
 use crate::points::surface::ObjectSurfaces;
 use crate::points::{ObjectPlan, Patch};
-use crate::progress::{Progress, Stage, check};
-use crate::trace::Occluders;
 use crate::trace::path::PathTracer;
 use crate::vmf_transfer::edges::{End, Made, is_coarse};
+use crate::vmf_transfer::technique::VmfTransfer;
 use crate::vmf_transfer::transfer::{PointWork, TransferOptions, bake_point};
-use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype, version};
+use prelight_manifests::{ChunkKind, Digest, version};
 use prelight_runtime::asset::mesh::NO_POINT;
 use prelight_runtime::asset::points::BURIED;
 use prelight_runtime::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
@@ -25,78 +26,63 @@ use prelight_runtime::vmf_transfer::Transfer;
 use prelight_runtime::vmf_transfer::transfer::PointRecords;
 use prelight_scene::Scene;
 use prelight_scene::chunks::base_chunk;
-use prelight_scene::world::World;
-use prelight_store::{Chunk, ChunkSource, Record, Store};
-use rayon::prelude::*;
+use prelight_store::Chunk;
 
 /// Version of what decides bits here, besides [`version::ALGORITHM_VERSION`].
 const TRANSFER_VERSION: u32 = 4;
 /// Turns all random numbers of paths and fits.
 const SEED: u64 = 0x6c64_3039;
 
-/// Counts of a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct TransferStats {
-    /// Patches that were not in the ledger.
-    pub patches_traced: u64,
-    /// Rays cast.
-    pub rays: u64,
-    /// Slices fitted, kept or not.
-    pub slices: u64,
-    /// Points whose views were not refined further because the rest was noise, with as many paths as there may be.
-    pub noise_limited: u64,
-    /// Points that light reaches over other surfaces.
-    pub lit_points: u64,
-    /// Effective samples of a slice, the median of each point that has any, summed over those.
-    pub effective_samples: u64,
-    /// Points with slices on each level.
-    pub levels: [u64; MAX_LEVEL + 1],
-    /// Lobes stored.
-    pub lobes: u64,
-    /// Bytes added to the store.
-    pub bytes_stored: u64,
-}
+/// Names of counts of points with slices on a level.
+pub(crate) const LEVELS: [&str; MAX_LEVEL + 1] = ["level 0", "level 1", "level 2", "level 3", "level 4", "level 5"];
 
-impl TransferStats {
-    /// Effective samples of a slice: the mean over points with slices of their medians.
-    pub fn samples_per_slice(&self) -> Option<f64> {
-        let points: u64 = self.levels.iter().sum();
-        (points > 0).then(|| self.effective_samples as f64 / points as f64)
-    }
-
-    /// Adds the counts of another run.
-    pub fn add(&mut self, other: &TransferStats) {
-        self.patches_traced += other.patches_traced;
-        self.rays += other.rays;
-        self.slices += other.slices;
-        self.noise_limited += other.noise_limited;
-        self.lit_points += other.lit_points;
-        self.effective_samples += other.effective_samples;
-        self.lobes += other.lobes;
-        self.levels.iter_mut().zip(other.levels).for_each(|(sum, level)| *sum += level);
-        self.bytes_stored += other.bytes_stored;
-    }
-}
-
-/// Transfer of a patch.
-#[derive(Clone, Debug)]
-pub struct PatchTransfer {
-    /// Of the chunk.
-    pub descriptor: Descriptor,
-    chunk: Chunk,
-    /// `[points]` noise of the slices.
-    noise: Vec<f32>,
-}
-
-/// Everything that baking transfer reads.
-pub struct TransferBaker<'a> {
+/// What baking transfer reads of a scene.
+pub(crate) struct SceneTransfer<'a> {
+    technique: &'a VmfTransfer,
+    inputs: &'a SceneInputs<'a>,
     paths: PathTracer<'a>,
-    scene: &'a Scene,
-    world: &'a World,
     solid: Icosahedron,
-    scene_key: Digest,
-    store: &'a Store,
-    progress: &'a dyn Progress,
+    key: Digest,
+}
+
+impl<'a> SceneTransfer<'a> {
+    pub(crate) fn new(technique: &'a VmfTransfer, inputs: &'a SceneInputs<'a>) -> Self {
+        let SceneInputs { scene, world, edge_lengths, .. } = inputs;
+        SceneTransfer {
+            technique,
+            inputs,
+            paths: PathTracer::new(scene, world, inputs.occluders(), edge_lengths, technique.bounces, SEED),
+            solid: Icosahedron::new(MAX_LEVEL),
+            key: scene_key(scene, edge_lengths, technique.bounces),
+        }
+    }
+}
+
+impl SceneFactors for SceneTransfer<'_> {
+    fn object<'b>(&'b self, plan: &'b ObjectPlan, surfaces: &'b ObjectSurfaces) -> Vec<Box<dyn ObjectFactor + 'b>> {
+        let Some(options) = self.technique.options_of(plan.object) else { return Vec::new() };
+        let details = details(self.inputs.scene, plan, surfaces);
+        vec![Box::new(ObjectTransfer { of: self, plan, surfaces, details, options })]
+    }
+}
+
+/// Transfer of one object.
+struct ObjectTransfer<'a> {
+    of: &'a SceneTransfer<'a>,
+    plan: &'a ObjectPlan,
+    surfaces: &'a ObjectSurfaces,
+    /// `[points]` what lobes need beyond the averages; empty where no material of the object needs any.
+    details: Vec<Detail>,
+    options: &'a TransferOptions,
+}
+
+fn details(scene: &Scene, plan: &ObjectPlan, surfaces: &ObjectSurfaces) -> Vec<Detail> {
+    if !surfaces.material.iter().any(|material| has_detail(&scene.materials[*material as usize])) {
+        return Vec::new();
+    }
+    let mut details = vec![Detail::default(); plan.n_points()];
+    fill_details(&plan.mesh().view(), &scene.materials, &scene.textures, None, &mut details);
+    details
 }
 
 fn floats(hasher: &mut blake3::Hasher, values: &[f32]) {
@@ -131,164 +117,16 @@ fn scene_key(scene: &Scene, edge_lengths: &[f32], bounces: u32) -> Digest {
     Digest(*hasher.finalize().as_bytes())
 }
 
-impl<'a> TransferBaker<'a> {
-    /// `occluders` hold all blocking triangles of `world`; leaves of 16 suit paths best. `edge_lengths`: one per object, as baked.
-    pub fn new(
-        scene: &'a Scene,
-        world: &'a World,
-        occluders: &'a Occluders,
-        edge_lengths: &'a [f32],
-        bounces: u32,
-        store: &'a Store,
-        progress: &'a dyn Progress,
-    ) -> Self {
-        TransferBaker {
-            paths: PathTracer::new(scene, world, occluders, edge_lengths, bounces, SEED),
-            scene,
-            world,
-            solid: Icosahedron::new(MAX_LEVEL),
-            scene_key: scene_key(scene, edge_lengths, bounces),
-            store,
-            progress,
-        }
+impl ObjectFactor for ObjectTransfer<'_> {
+    fn kind(&self) -> ChunkKind {
+        ChunkKind::Transfer
     }
 
-    /// Transfer of every patch, in their order.
-    ///
-    /// # Errors
-    /// [`BakeError::Cancelled`] as soon as the patches in flight are done, and what the store says.
-    pub fn run(
-        &self,
-        plan: &ObjectPlan,
-        surfaces: &ObjectSurfaces,
-        options: &TransferOptions,
-    ) -> Result<(Vec<PatchTransfer>, TransferStats), BakeError> {
-        let details = self.details(plan, surfaces);
-        let stage = Stage::begin(self.progress, "transfer", Some(plan.n_points() as u64), "points");
-        let done: Vec<(PatchTransfer, TransferStats)> = (plan.patches.par_iter().with_max_len(1))
-            .map(|patch| {
-                check(self.progress)?;
-                let result = self.patch(plan, surfaces, &details, options, patch)?;
-                stage.advance(u64::from(patch.n_points));
-                Ok(result)
-            })
-            .collect::<Result<_, BakeError>>()?;
-        let mut stats = TransferStats::default();
-        done.iter().for_each(|(_, own)| stats.add(own));
-        Ok((done.into_iter().map(|(patch, _)| patch).collect(), stats))
-    }
-
-    /// Points of an object between which lobes differ too much to be interpolated: what [`crate::points::differing::split_differing`] asks.
-    pub fn differing<'b>(
-        &'b self,
-        plan: &'b ObjectPlan,
-        patches: &'b [PatchTransfer],
-        normal: &'b [[f32; 3]],
-        options: &'b TransferOptions,
-    ) -> impl Fn(u32, u32) -> bool + Sync + 'b {
-        let transfers: Vec<Transfer> = patches.iter().map(|patch| Transfer::from_proven_chunk(&patch.chunk)).collect();
-        let first: Vec<u32> = plan.patches.iter().map(|patch| patch.first).collect();
-        move |a, b| {
-            let end = |point: u32| {
-                let patch = first.partition_point(|first| *first <= point) - 1;
-                let local = (point - first[patch]) as usize;
-                End { transfer: transfers[patch].point(local), normal: normal[point as usize], noise: patches[patch].noise[local] }
-            };
-            let made = |point: u32| {
-                let source = plan.source[point as usize];
-                let side = if plan.front[source as usize] == point { &plan.front } else { &plan.back };
-                let parents = plan.refined.parents[source as usize];
-                // Where a bake is coarser than its mesh, one of them may not be baked.
-                let baked = parents.map(|parent| side[parent as usize]).into_iter().all(|parent| parent != NO_POINT);
-                let parents = (parents[0] != source && baked).then(|| parents.map(|parent| end(side[parent as usize])));
-                Made { end: end(point), parents }
-            };
-            is_coarse(&self.solid, &made(a), &made(b), &options.mesh)
-        }
-    }
-
-    /// `[points]` what lobes need beyond the averages; empty where no material of the object needs any.
-    fn details(&self, plan: &ObjectPlan, surfaces: &ObjectSurfaces) -> Vec<Detail> {
-        if !surfaces.material.iter().any(|material| has_detail(&self.scene.materials[*material as usize])) {
-            return Vec::new();
-        }
-        let mut details = vec![Detail::default(); plan.n_points()];
-        fill_details(&plan.mesh().view(), &self.scene.materials, &self.scene.textures, None, &mut details);
-        details
-    }
-
-    fn patch(
-        &self,
-        plan: &ObjectPlan,
-        surfaces: &ObjectSurfaces,
-        details: &[Detail],
-        options: &TransferOptions,
-        patch: &Patch,
-    ) -> Result<(PatchTransfer, TransferStats), BakeError> {
-        let key = self.key(plan, surfaces, details, options, patch);
-        let mut stats = TransferStats::default();
-        if let Some(record) = self.store.lookup(&key)?
-            && let Some(found) = self.found(&record, patch)?
-        {
-            return Ok((found, stats));
-        }
-        let (mut points, mut noise) = (Vec::with_capacity(patch.n_points as usize), Vec::with_capacity(patch.n_points as usize));
-        for i in patch.range() {
-            let (material, detail) = (surfaces.material[i] as usize, details.get(i).copied().unwrap_or_default());
-            let material = &self.scene.materials[material];
-            let receiver = point_lobe(material, surfaces.roughness[i], surfaces.normal[i], &detail, &self.scene.tables);
-            let (own, work) = if plan.flags[i] & BURIED != 0 {
-                // Nothing is interpolated from it.
-                (PointRecords::DARK, PointWork::default())
-            } else {
-                bake_point(&self.paths, &self.solid, &plan.trace_origin(i), &receiver, options, SEED)
-            };
-            stats.rays += work.rays;
-            stats.slices += work.slices;
-            stats.noise_limited += u64::from(work.noise_limited);
-            stats.lobes += own.view().n_records() as u64;
-            stats.lit_points += u64::from(!own.irradiance.is_empty());
-            if let Some(level) = own.view().level {
-                stats.levels[level] += 1;
-                stats.effective_samples += work.samples.round() as u64;
-            }
-            points.push(own);
-            noise.push(work.noise);
-        }
-        stats.patches_traced = 1;
-        let mut writer = self.store.writer();
-        let shape = vec![u64::from(patch.n_points)];
-        let chunk = Chunk::from_plain(&Transfer::to_chunk(&points));
-        let descriptor = writer.put(ChunkKind::Transfer, Dtype::U8, shape, &chunk)?;
-        writer.record(key, Record { chunks: vec![descriptor.clone()], data: noise.iter().flat_map(|x| x.to_le_bytes()).collect() });
-        stats.bytes_stored = writer.commit()?.bytes_stored;
-        Ok((PatchTransfer { descriptor, chunk, noise }, stats))
-    }
-
-    /// The chunk of a record, if it is what this patch needs.
-    fn found(&self, record: &Record, patch: &Patch) -> Result<Option<PatchTransfer>, BakeError> {
-        let [descriptor] = &record.chunks[..] else { return Ok(None) };
-        let chunk = match self.store.chunk(descriptor) {
-            Ok(chunk) => chunk,
-            // Set aside and named by the store; tracing again is the repair.
-            Err(error) if error.is_corrupt() => {
-                self.progress.warning(&format!("{error}: traced again"));
-                return Ok(None);
-            }
-            Err(error) => return Err(error.into()),
-        };
-        let (words, rest) = record.data.as_chunks::<4>();
-        let noise: Vec<f32> = words.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-        let n = patch.n_points as usize;
-        let fits = noise.len() == n && rest.is_empty() && noise.iter().all(|x| *x >= 0.0);
-        let fits = fits && Transfer::from_chunk(&chunk, &self.solid).is_ok_and(|transfer| transfer.len() == n);
-        Ok(fits.then(|| PatchTransfer { descriptor: descriptor.clone(), chunk, noise }))
-    }
-
-    fn key(&self, plan: &ObjectPlan, surfaces: &ObjectSurfaces, details: &[Detail], options: &TransferOptions, patch: &Patch) -> Digest {
+    fn key(&self, patch: &Patch) -> Digest {
+        let ObjectTransfer { of, plan, surfaces, details, options } = self;
         let mut hasher = blake3::Hasher::new();
         hasher.update(b"prelight transfer");
-        hasher.update(&self.scene_key.0);
+        hasher.update(&of.key.0);
         let views = options.views;
         let steps = [views.start as u64, views.max as u64, u64::from(options.most_paths)];
         for word in steps.into_iter().chain([views.budget, views.floor, options.thin].map(f64::to_bits)) {
@@ -310,8 +148,75 @@ impl<'a> TransferBaker<'a> {
             }
             hasher.update(&(plan.flags[i] & BURIED).to_le_bytes());
             hasher.update(&(from.base_triangles.len() as u32).to_le_bytes());
-            from.base_triangles.iter().for_each(|id| floats(&mut hasher, self.world.positions[*id as usize].as_flattened()));
+            from.base_triangles.iter().for_each(|id| floats(&mut hasher, of.inputs.world.positions[*id as usize].as_flattened()));
         }
         Digest(*hasher.finalize().as_bytes())
+    }
+
+    fn bake(&self, patch: &Patch) -> Result<(Vec<u8>, Plain), BakeError> {
+        let ObjectTransfer { of, plan, surfaces, details, options } = self;
+        let scene = of.inputs.scene;
+        let n = patch.n_points as usize;
+        let (mut points, mut noise, mut tally) = (Vec::with_capacity(n), Vec::with_capacity(4 * n), Tally::default());
+        for i in patch.range() {
+            let (material, detail) = (surfaces.material[i] as usize, details.get(i).copied().unwrap_or_default());
+            let receiver = point_lobe(&scene.materials[material], surfaces.roughness[i], surfaces.normal[i], &detail, &scene.tables);
+            let (own, work) = if plan.flags[i] & BURIED != 0 {
+                // Nothing is interpolated from it.
+                (PointRecords::DARK, PointWork::default())
+            } else {
+                bake_point(&of.paths, &of.solid, &plan.trace_origin(i), &receiver, options, SEED)
+            };
+            count(&mut tally, &own, &work);
+            points.push(own);
+            noise.extend_from_slice(&work.noise.to_le_bytes());
+        }
+        tally.add("patches_traced", 1);
+        Ok((Transfer::to_chunk(&points), Plain { data: noise, tally, ..Plain::default() }))
+    }
+
+    fn fits(&self, patch: &Patch, chunk: &Chunk, data: &[u8]) -> bool {
+        let (words, rest) = data.as_chunks::<4>();
+        let n = patch.n_points as usize;
+        let noise = || words.iter().map(|bytes| f32::from_le_bytes(*bytes));
+        let fits = words.len() == n && rest.is_empty() && noise().all(|x| x >= 0.0);
+        fits && Transfer::from_chunk(chunk, &self.of.solid).is_ok_and(|transfer| transfer.len() == n)
+    }
+
+    /// Points between which lobes differ too much to be interpolated.
+    fn differing<'b>(&'b self, patches: &'b [PatchChunk<Plain>]) -> Option<Box<Differs<'b>>> {
+        let ObjectTransfer { of, plan, surfaces, options, .. } = self;
+        let transfers: Vec<Transfer> = patches.iter().map(|patch| Transfer::from_proven_chunk(&patch.chunk)).collect();
+        let first: Vec<u32> = plan.patches.iter().map(|patch| patch.first).collect();
+        Some(Box::new(move |a, b| {
+            let end = |point: u32| {
+                let patch = first.partition_point(|first| *first <= point) - 1;
+                let local = (point - first[patch]) as usize;
+                let noise = f32::from_le_bytes(patches[patch].kept.data.as_chunks::<4>().0[local]);
+                End { transfer: transfers[patch].point(local), normal: surfaces.normal[point as usize], noise }
+            };
+            let made = |point: u32| {
+                let source = plan.source[point as usize];
+                let side = if plan.front[source as usize] == point { &plan.front } else { &plan.back };
+                let parents = plan.refined.parents[source as usize];
+                // Where a bake is coarser than its mesh, one of them may not be baked.
+                let baked = parents.map(|parent| side[parent as usize]).into_iter().all(|parent| parent != NO_POINT);
+                let parents = (parents[0] != source && baked).then(|| parents.map(|parent| end(side[parent as usize])));
+                Made { end: end(point), parents }
+            };
+            is_coarse(&of.solid, &made(a), &made(b), &options.mesh)
+        }))
+    }
+}
+
+fn count(tally: &mut Tally, point: &PointRecords, work: &PointWork) {
+    tally.add("rays", work.rays);
+    tally.add("slices", work.slices);
+    tally.add("noise_limited", u64::from(work.noise_limited));
+    tally.add("lobes", point.view().n_records() as u64);
+    tally.add("lit_points", u64::from(!point.irradiance.is_empty()));
+    if let Some(level) = point.view().level {
+        tally.add(LEVELS[level], 1);
+        tally.add("effective_samples", work.samples.round() as u64);
     }
 }

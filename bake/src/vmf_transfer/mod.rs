@@ -2,14 +2,18 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`baker`] | the transfer of an object's patches: looked up, or traced, put and recorded |
+//! | [`technique`] | which objects have indirect light, and how finely |
+//! | `baker` | the factor `transfer` of an object's patches |
 //! | [`transfer`] | the transfer of one point: paths, slices, lobes |
 //! | [`angular`] | how many directions of view a point needs |
 //! | [`edges`] | which edges of the mesh are too long for indirect light |
 //! | [`fit`] | from paths to few parameters |
 
 pub mod angular;
-pub mod baker;
+mod baker;
 pub mod edges;
 pub mod fit;
+pub mod technique;
 pub mod transfer;
+
+pub use technique::VmfTransfer;

@@ -1,6 +1,7 @@
 //! Small scenes in which methods fail, and what bakes them. Tests of other crates use them too.
 
 use prelight_bake::bake::bake;
+use prelight_bake::engine::Threads;
 use prelight_bake::error::BakeError;
 use prelight_bake::mesh::params::PointParams;
 use prelight_bake::options::BakeOptions;
@@ -98,9 +99,8 @@ pub fn options(scene: &Scene, edge_length: f32) -> BakeOptions {
         visibility: Default::default(),
         tree: TreeQuality::Medium,
         memory: 4 << 30,
-        transfer: Vec::new(),
-        bounces: 1,
-        shuffle_shards: None,
+        techniques: Vec::new(),
+        engine: Arc::new(Threads::default()),
         rebake: Default::default(),
     }
 }

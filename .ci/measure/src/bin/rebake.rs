@@ -185,7 +185,7 @@ fn time_keys(scene: &Scene, options: &BakeOptions, store: &Store) -> (f64, u64) 
             let start = processor_seconds(ClockId::ThreadCPUTime);
             let inputs = PatchInputs::new(&of, &plan, patch);
             seconds += processor_seconds(ClockId::ThreadCPUTime) - start;
-            let tables: Vec<TileTable> = candidates(store, &inputs).expect("the store can be read").into_iter().map(|c| c.table).collect();
+            let tables: Vec<TileTable> = candidates(store, &inputs).expect("the store can be read").into_iter().map(|c| c.row).collect();
             let start = processor_seconds(ClockId::ThreadCPUTime);
             let (_, stale) = stale_tiles(&of, &inputs, &tables);
             seconds += processor_seconds(ClockId::ThreadCPUTime) - start;

@@ -14,16 +14,17 @@
 
 use crate::block_product::visibility::bits::PatchBits;
 use crate::error::BakeError;
+use crate::factor::{Candidate, LoadChunk};
 use crate::points::{ObjectPlan, Patch};
 use crate::reach::key::{points_key, tile_key};
 use crate::reach::pieces::Pieces;
 use crate::reach::shaft::{OriginBoxes, Raster};
 use crate::reach::tile::{CLOSED, HORIZON, N_TILES, OpenCells, Reach, TileRow, TileSet, TileTable, tiles};
 use crate::trace::Occluders;
+use prelight_manifests::Digest;
 use prelight_manifests::quality::Shades;
-use prelight_manifests::{Descriptor, Digest};
 use prelight_runtime::block_product::visibility::Visibility;
-use prelight_store::{Chunk, Store};
+use prelight_store::{Chunk, Record, Store};
 
 /// What blocks light, cut for keys and ready to be traced.
 #[derive(Clone, Copy)]
@@ -76,28 +77,17 @@ impl<'a> PatchInputs<'a> {
     }
 }
 
-/// A record of the same points, perhaps among other occluders.
-pub struct Candidate {
-    /// Its keys.
-    pub table: TileTable,
-    /// Its chunk.
-    pub descriptor: Descriptor,
+/// Records of a patch's points in a store, perhaps among other occluders.
+///
+/// # Errors
+/// What the store says.
+pub fn candidates(store: &Store, inputs: &PatchInputs) -> Result<Vec<Candidate<TileTable>>, BakeError> {
+    let candidate = |record: Record| {
+        let [descriptor] = <[_; 1]>::try_from(record.chunks).ok()?;
+        Some(Candidate { row: TileTable::decode(&record.data, inputs.origins.boxes.len())?, descriptor })
+    };
+    Ok(store.lookup_all(&inputs.key)?.into_iter().filter_map(candidate).collect())
 }
-
-/// Records of a patch's points.
-pub fn candidates(store: &Store, inputs: &PatchInputs) -> Result<Vec<Candidate>, BakeError> {
-    let mut found = Vec::new();
-    for record in store.lookup_all(&inputs.key)? {
-        let table = TileTable::decode(&record.data, inputs.origins.boxes.len());
-        if let (Some(table), [descriptor]) = (table, &record.chunks[..]) {
-            found.push(Candidate { table, descriptor: descriptor.clone() });
-        }
-    }
-    Ok(found)
-}
-
-/// Reads a candidate's chunk: `None` when it is not there, corrupt, or not visibility of as many points.
-pub type LoadChunk<'a> = dyn Fn(&Descriptor) -> Result<Option<Chunk>, BakeError> + 'a;
 
 /// What became of a patch.
 pub struct Resolved {
@@ -198,7 +188,7 @@ pub fn stale_tiles(of: &Shadowing, inputs: &PatchInputs, tables: &[TileTable]) -
 pub fn resolve(
     of: &Shadowing,
     inputs: &PatchInputs,
-    candidates: &[Candidate],
+    candidates: &[Candidate<TileTable>],
     load: &LoadChunk,
     bits: &mut PatchBits,
 ) -> Result<Resolution, BakeError> {
@@ -209,7 +199,7 @@ pub fn resolve(
     let (mut held, mut redone) = (0, 0);
     let mut keys = [[0; 16]; N_TILES];
     for layer in 0..of.pieces.n_layers() {
-        let tables = candidates.iter().map(|candidate| &candidate.table);
+        let tables = candidates.iter().map(|candidate| &candidate.row);
         let (missed, renamed) = walk.layer(layer, 0, tables, &mut keys);
         held &= !renamed;
         if missed == 0 {
@@ -226,7 +216,7 @@ pub fn resolve(
         }
         walk.open.settle();
     }
-    let has_bits = |candidate: &Candidate, tile: u8| candidate.table.final_name(tile) == walk.names[usize::from(tile)];
+    let has_bits = |candidate: &Candidate<TileTable>, tile: u8| candidate.row.final_name(tile) == walk.names[usize::from(tile)];
     let named = |set: TileSet, name: [u8; 16]| only(set, |tile| walk.names[tile] == name);
     let changed = if candidates.is_empty() { 0 } else { redone };
     let changed = only(changed, |tile| !candidates.iter().any(|candidate| has_bits(candidate, tile as u8)));

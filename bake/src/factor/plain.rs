@@ -1,0 +1,114 @@
+//! Factors whose record is found by one key and taken as it is: all but visibility, whose tiles are found one by one.
+
+use super::{Baked, Candidates, Factor, LoadChunk, Made, PatchChunk, Source, Tally};
+use crate::error::BakeError;
+use crate::points::Patch;
+use prelight_manifests::{ChunkKind, Digest};
+use prelight_store::Chunk;
+
+/// What is kept of a patch: its record's data, and what making it took.
+#[derive(Clone, Debug, Default)]
+pub struct Plain {
+    /// The key that it was baked for.
+    pub key: Option<Digest>,
+    /// Data of the record.
+    pub data: Vec<u8>,
+    /// Counts of the work that was done now; empty where the patch was found.
+    pub tally: Tally,
+}
+
+/// A question about two points of an object, the smaller index first: whether what the factor holds differs too much to be interpolated.
+pub type Differs<'a> = dyn Fn(u32, u32) -> bool + Sync + 'a;
+
+/// A factor of the patches of one object.
+pub trait ObjectFactor: Sync {
+    /// Kind of the chunks.
+    fn kind(&self) -> ChunkKind;
+
+    /// Digest of everything that [`ObjectFactor::bake`] reads.
+    fn key(&self, patch: &Patch) -> Digest;
+
+    /// Makes a patch: plain bytes of its chunk, data of its record, and counts of the work.
+    ///
+    /// # Errors
+    /// What stands in the way of making it.
+    fn bake(&self, patch: &Patch) -> Result<(Vec<u8>, Plain), BakeError>;
+
+    /// Whether chunk and record data of an earlier bake are what the patch needs.
+    fn fits(&self, patch: &Patch, chunk: &Chunk, data: &[u8]) -> bool;
+
+    /// Which points differ, given the patches of the object in their order; `None`: none do.
+    fn differing<'b>(&'b self, _patches: &'b [PatchChunk<Plain>]) -> Option<Box<Differs<'b>>> {
+        None
+    }
+}
+
+/// Some patches of an object, to be baked in a round.
+pub struct PlainRound<'a> {
+    /// What is baked.
+    pub factor: &'a dyn ObjectFactor,
+    /// The patches.
+    pub patches: Vec<&'a Patch>,
+}
+
+impl<'a> Factor for PlainRound<'a> {
+    type Inputs = (&'a Patch, Digest);
+    type Row = Vec<u8>;
+    type Scratch = ();
+    type Kept = Plain;
+
+    fn kind(&self) -> ChunkKind {
+        self.factor.kind()
+    }
+
+    fn n_patches(&self) -> usize {
+        self.patches.len()
+    }
+
+    fn shard_patches(&self) -> usize {
+        1
+    }
+
+    fn n_points(&self, patch: usize) -> u32 {
+        self.patches[patch].n_points
+    }
+
+    fn inputs(&self, patch: usize) -> (&'a Patch, Digest) {
+        let patch = self.patches[patch];
+        (patch, self.factor.key(patch))
+    }
+
+    fn key(&self, (_, key): &Self::Inputs) -> Digest {
+        *key
+    }
+
+    fn row(&self, _: &Self::Inputs, data: Vec<u8>) -> Option<Vec<u8>> {
+        Some(data)
+    }
+
+    fn fits(&self, _: &Self::Inputs, _: &Chunk) -> bool {
+        true // asked with the record's data below
+    }
+
+    fn bake(
+        &self,
+        (patch, key): &Self::Inputs,
+        found: &Candidates<Vec<u8>>,
+        load: &LoadChunk,
+        _: &mut (),
+    ) -> Result<Baked<Plain>, BakeError> {
+        let key = Some(*key);
+        if let Some(candidate) = found.list.first() {
+            return Ok(match load(&candidate.descriptor)?.filter(|chunk| self.factor.fits(patch, chunk, &candidate.row)) {
+                Some(chunk) => {
+                    let kept = Plain { key, data: candidate.row.clone(), ..Plain::default() };
+                    Baked::Made(Made { source: Source::Found(0, chunk), record: None, kept })
+                }
+                None => Baked::Unusable(0),
+            });
+        }
+        let (bytes, made) = self.factor.bake(patch)?;
+        let record = Some(made.data.clone());
+        Ok(Baked::Made(Made { source: Source::Made(bytes), record, kept: Plain { key, ..made } }))
+    }
+}
