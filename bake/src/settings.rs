@@ -148,7 +148,7 @@ fn transfer(object: &ObjectKnobs, quality: Quality) -> Option<TransferOptions> {
     let error = object.knobs.max_error;
     let views = ViewOptions { start: 1, max, budget: SLICE_ERROR * error, floor: SLICE_FLOOR };
     let mesh = MeshOptions { budget: EDGE_ERROR * error, predicted: SLICE_ERROR * error, floor: SLICE_FLOOR };
-    (object.technique == Technique::VmfTransfer).then_some(TransferOptions {
+    (object.technique == Technique::VMF_TRANSFER).then_some(TransferOptions {
         views,
         mesh,
         thin: THIN_ERROR * error,

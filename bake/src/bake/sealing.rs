@@ -132,7 +132,8 @@ impl Sealing<'_> {
                     None => writer.put(ChunkKind::Surface, Dtype::U8, vec![n], &surfaces().patch(patch).to_chunk())?,
                 };
                 let visibility = object.visibility[index].0.clone();
-                patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility, transfer });
+                let factors = std::iter::once(visibility).chain(transfer).collect();
+                patches.push(AssetPatch { n_points: patch.n_points, points, surface, factors });
                 stage.advance(1);
                 waiting += n as usize;
                 if waiting >= POINTS_PER_SHARD && before.is_none() {
@@ -153,7 +154,7 @@ impl Sealing<'_> {
             };
             let made = AssetObject {
                 name: source.name.clone(),
-                technique: if asked.is_some() { Technique::VmfTransfer } else { Technique::BlockProduct }.name().to_string(),
+                technique: if asked.is_some() { Technique::VMF_TRANSFER } else { Technique::BLOCK_PRODUCT }.name().to_string(),
                 n_points: plan.n_points() as u32,
                 n_triangles: plan.n_triangles() as u32,
                 base,

@@ -25,7 +25,7 @@ use crate::scene::world::World;
 use crate::scene::{Object, Scene};
 use crate::seal::base_chunk;
 use prelight_manifests::asset::{AssetObject, AssetPatch};
-use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
+use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype, Technique};
 use prelight_store::{Chunk, ChunkSource, Record, Store, StoreError};
 use rayon::prelude::*;
 use std::collections::btree_map::Entry;
@@ -98,13 +98,12 @@ impl ObjectChunks {
                 n_points: light.n_points,
                 points: points.clone(),
                 surface: surface.clone(),
-                visibility: light.visibility.clone(),
-                transfer: None,
+                factors: vec![light.visibility.clone()],
             })
             .collect();
         AssetObject {
             name: source.name.clone(),
-            technique: "block_product".to_string(),
+            technique: Technique::BLOCK_PRODUCT.name().to_string(),
             n_points: patches.iter().map(|patch| patch.n_points).sum(),
             n_triangles: self.counts.triangles,
             base: self.base.clone(),

@@ -2,7 +2,7 @@ use super::position::{line_column, nearest};
 use super::template::Template;
 use super::*;
 use crate::quality::Shades;
-use crate::{ByteSize, Quality, Technique};
+use crate::{ByteSize, ChunkKind, Quality, Technique, TechniqueInfo, Techniques};
 
 /// A whole manifest around some lines; `format` and `[scene]` take the first three.
 fn with(lines: &str) -> String {
@@ -64,7 +64,7 @@ fn every_key_of_the_design_is_read() {
     assert_eq!((knobs.normal_angle_deg, knobs.area_floor, knobs.face_resolution, knobs.max_error), (20.0, 0.25, 128, 0.02));
     assert_eq!(knobs.points, Quality::High.knobs().points, "what is not set comes from the preset");
     assert_eq!(manifest.bake.edge_length, Some(0.05));
-    assert_eq!(manifest.object[0].technique, Some(Technique::BlockProduct));
+    assert_eq!(manifest.object[0].technique, Some(Technique::BLOCK_PRODUCT));
     assert_eq!((manifest.object[0].visibility, manifest.bake.visibility, knobs.visibility), (Some(Shades::Gray6), None, Shades::Binary));
     assert_eq!(manifest.material[0].emissive, Some([0.0, 1.0, 2.5]));
     assert_eq!(manifest.limits.memory, Some(ByteSize(12 << 30)));
@@ -79,6 +79,8 @@ fn unknown_keys_name_the_nearest_known_one_and_their_place() {
         ("[bake]\nangle = 3", "scene.toml:5:1", "unknown key `angle`", "did you mean `normal_angle_deg`?"),
         ("[bake]\nzzz = 3", "scene.toml:5:1", "unknown key `zzz`", "known here: quality, edge_length"),
         ("[[enviroment]]\nname = \"a\"", "scene.toml:4:3", "unknown key `enviroment`", "did you mean `environment`?"),
+        ("[bake]\ntechnique = \"vmf_tranfer\"", "scene.toml:5:13", "unknown name `vmf_tranfer`", "did you mean `vmf_transfer`?"),
+        ("[[object]]\nmatch = \"a\"\ntechnique = \"haar\"", "scene.toml:6:13", "unknown name `haar`", "known here: auto, block_product"),
         ("[bake]\nquality = \"mediun\"", "scene.toml:5:11", "unknown name `mediun`", "did you mean `medium`?"),
         ("[[object]]\nmatch = \"a\"\nvisibility = \"grey6\"", "scene.toml:6:14", "unknown name `grey6`", "did you mean `gray6`?"),
         ("[[material]]\nmatch = \"a\"\nbrdf = { wart = { } }", "scene.toml:6:10", "unknown name `wart`", "did you mean `ward`?"),
@@ -219,6 +221,17 @@ fn canonical_form_depends_on_values_only() {
     assert_eq!(back, one);
 }
 
+const CONSTANT: TechniqueInfo =
+    TechniqueInfo { name: "constant", factors: &[ChunkKind::custom("toy:constant")], summary: "One light.", paper: "" };
+
+#[test]
+fn a_technique_from_outside_is_known_where_it_was_added() {
+    let text = with("[bake]\ntechnique = \"constant\"");
+    let manifest = SceneManifest::parse_with("scene.toml", &text, &Techniques::built_in().with(CONSTANT)).unwrap();
+    assert_eq!(manifest.bake.technique, Technique::named("constant"));
+    assert!(refused(&text).contains("unknown name `constant`"));
+}
+
 #[test]
 fn a_bare_gltf_means_the_empty_manifest_for_it() {
     assert_eq!(SceneManifest::for_gltf("a.glb"), SceneManifest::parse("scene.toml", &with("")).unwrap());
@@ -288,6 +301,9 @@ fn schema_knows_every_key_and_forbids_others() {
     ] {
         assert!(bake[key].is_object(), "{key}");
     }
+    let techniques = schema["$defs"]["Technique"]["oneOf"].as_array().unwrap();
+    let names: Vec<&str> = techniques.iter().map(|one| one["const"].as_str().unwrap()).collect();
+    assert_eq!(names, ["auto", "block_product", "vmf_transfer"]);
     assert!(schema["$defs"]["MaterialRule"]["properties"]["match"].is_object());
     assert!(schema["$defs"]["ObjectRule"]["properties"]["visibility"].is_object());
     assert_eq!(schema.to_string(), super::schema().to_string());

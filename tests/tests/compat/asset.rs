@@ -1,10 +1,10 @@
 //! An asset of every format version is kept in `tests/compat/asset-N` and read for ever.
 //!
-//! Each folder holds `every-kind.prelight`, a packed bake of a few points with a chunk of every kind that an asset has, and `expected.json`: its
-//! digest and a small picture of it, as they were when it was made.
+//! Each folder holds `every-kind.prelight`, a packed bake of a few points with a chunk of every kind that an asset has, and
+//! `expected.json`: its digest and a small picture of it, as they were when it was made.
 //!
-//! `PRELIGHT_WRITE_COMPAT_ASSET=DIR cargo test -p prelight-tests --test compat asset` writes both files of the present version into DIR. A format
-//! change adds a folder; none is ever edited.
+//! `PRELIGHT_WRITE_COMPAT_ASSET=DIR cargo test -p prelight-tests --test compat asset` writes both files of the present version into DIR. A
+//! format change adds a folder; none is ever edited.
 
 use prelight_bake::bake::BakeOptions;
 use prelight_bake::refine::angular::ViewOptions;
@@ -26,8 +26,8 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Largest difference of a pixel from the kept picture, relative to the brightest one. Instruction sets sum in other orders (1e-6); a step of an
-/// 8-bit display is 4e-3, and a chunk that is read wrongly shows by far more.
+/// Largest difference of a pixel from the kept picture, relative to the brightest one. Instruction sets sum in other orders (1e-6); a step
+/// of an 8-bit display is 4e-3, and a chunk that is read wrongly shows by far more.
 const TOLERANCE: f32 = 1e-3;
 
 /// Pixels of the kept picture.

@@ -1,7 +1,7 @@
 //! A store of every format version is kept in `tests/compat` and read for ever.
 //!
-//! `PRELIGHT_WRITE_COMPAT=DIR cargo test -p prelight-tests --test compat store` writes one of the present version into DIR. A format change adds a
-//! folder; none is ever edited.
+//! `PRELIGHT_WRITE_COMPAT=DIR cargo test -p prelight-tests --test compat store` writes one of the present version into DIR. A format change
+//! adds a folder; none is ever edited.
 
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use prelight_store::{CheckOptions, ChunkSource, MemorySource, Record, Store, digest_of};
