@@ -83,7 +83,7 @@ impl Settings {
             visibility: objects.iter().map(|object| object.knobs.visibility).collect(),
             tree,
             transfer: objects.iter().map(|object| transfer(object, manifest.bake.quality)).collect(),
-            bounces: manifest.bake.bounces.unwrap_or(1),
+            bounces: manifest.bake.vmf_transfer.bounces.unwrap_or(1),
             memory,
             shuffle_shards: None,
             rebake: RebakeOptions { layers: objects.iter().map(|object| object.layer).collect(), ..RebakeOptions::default() },

@@ -68,6 +68,13 @@ impl Checker<'_> {
         }
     }
 
+    fn bounces(&self, field: &str, bounces: Option<u32>) -> Result<(), ManifestError> {
+        match bounces {
+            Some(bounces) if !(1..=64).contains(&bounces) => Err(self.range(field, bounces, "1..=64")),
+            _ => Ok(()),
+        }
+    }
+
     fn not_empty(&self, field: &str, value: &str) -> Result<(), ManifestError> {
         if value.trim().is_empty() { Err(self.range(field, "\"\"", "some text")) } else { Ok(()) }
     }
@@ -92,8 +99,13 @@ pub fn check(manifest: &SceneManifest, file: &str, text: &str, techniques: &Tech
         return Err(checker.range("bake.face_resolution", face, "64 or 128"));
     }
     checker.technique("bake.technique", Some(bake.technique))?;
-    if let Some(bounces) = bake.bounces.filter(|bounces| !(1..=64).contains(bounces)) {
-        return Err(checker.range("bake.bounces", bounces, "1..=64"));
+    checker.bounces("bake.bounces", bake.bounces)?;
+    checker.bounces("bake.vmf_transfer.bounces", bake.vmf_transfer.bounces)?;
+    if let (Some(old), Some(new)) = (bake.bounces, bake.vmf_transfer.bounces)
+        && old != new
+    {
+        let what = format!("`bounces` is {old} in [bake] and {new} in [bake.vmf_transfer]");
+        return Err(checker.unsupported("bake.bounces", &what, "keep the one in [bake.vmf_transfer]"));
     }
     check_materials(manifest, &checker)?;
     for (i, rule) in manifest.object.iter().enumerate() {

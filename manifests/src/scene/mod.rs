@@ -25,7 +25,9 @@ pub mod position;
 pub mod sections;
 pub mod template;
 
-pub use sections::{AlphaModeName, BakeSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, ScenePart, SceneSource};
+pub use sections::{
+    AlphaModeName, BakeSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, ScenePart, SceneSource, VmfTransferSection,
+};
 
 use crate::{ManifestError, Techniques, version};
 use schemars::JsonSchema;
@@ -94,8 +96,12 @@ impl SceneManifest {
                 });
             }
         }
-        let manifest: SceneManifest = toml::from_str(text).map_err(syntax)?;
+        let mut manifest: SceneManifest = toml::from_str(text).map_err(syntax)?;
         check::check(&manifest, file_name, text, techniques)?;
+        // From its old place; the check saw that the two do not disagree.
+        if let Some(bounces) = manifest.bake.bounces.take() {
+            manifest.bake.vmf_transfer.bounces = Some(bounces);
+        }
         Ok(manifest)
     }
 
