@@ -69,7 +69,7 @@ impl BakeOptions {
 
     /// Name of an object's technique, as the asset has it.
     pub fn technique_name(&self, object: u32) -> &str {
-        self.technique_of(object).map_or(Name::BlockProduct.name(), Technique::name)
+        self.technique_of(object).map_or(Name::BLOCK_PRODUCT.name(), Technique::name)
     }
 }
 

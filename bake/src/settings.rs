@@ -147,7 +147,7 @@ fn techniques(manifest: &SceneManifest, objects: &[ObjectKnobs]) -> Vec<Arc<dyn 
     if transfers.iter().all(Option::is_none) {
         return Vec::new();
     }
-    vec![Arc::new(VmfTransfer { objects: transfers, bounces: manifest.bake.bounces.unwrap_or(1) })]
+    vec![Arc::new(VmfTransfer { objects: transfers, bounces: manifest.bake.vmf_transfer.bounces.unwrap_or(1) })]
 }
 
 /// How an object's indirect light is baked, if its technique has any.
@@ -160,7 +160,7 @@ fn transfer(object: &ObjectKnobs, quality: Quality) -> Option<TransferOptions> {
     let error = object.knobs.max_error;
     let views = ViewOptions { start: 1, max, budget: SLICE_ERROR * error, floor: SLICE_FLOOR };
     let mesh = MeshOptions { budget: EDGE_ERROR * error, predicted: SLICE_ERROR * error, floor: SLICE_FLOOR };
-    (object.technique == Name::VmfTransfer).then_some(TransferOptions {
+    (object.technique == Name::VMF_TRANSFER).then_some(TransferOptions {
         views,
         mesh,
         thin: THIN_ERROR * error,

@@ -223,7 +223,7 @@ fn one_object_in_gray_leaves_keys_and_chunks_of_the_others_as_they_are() {
         let (bits, both) = (&in_bits.content.objects[object], &in_both.content.objects[object]);
         if source.name == "table" {
             assert_eq!(*both, in_gray.content.objects[0]);
-            assert!(both.patches.iter().zip(&bits.patches).any(|(a, b)| a.visibility != b.visibility));
+            assert!(both.patches.iter().zip(&bits.patches).any(|(a, b)| a.factors != b.factors));
             let (a, b) = (keys(&of_binary, &binary), keys(&of_mixed, &mixed));
             assert!(a.iter().all(|(key, _)| b.iter().all(|(other, _)| key != other)), "shades are part of the key");
         } else {

@@ -12,6 +12,7 @@
 //! A frame is shading of what the view shows, for an eye that moved under a light that did not, and drawing; on the CPU, where the paper
 //! had a GPU: hold rows against one another, not against print.
 
+use prelight_manifests::ChunkKind;
 use prelight_runtime::asset::Asset;
 use prelight_runtime::draw::camera::{Camera, CameraRays};
 use prelight_runtime::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
@@ -72,7 +73,8 @@ pub fn lobe_sizes(asset: &Asset) -> LobeSizes {
             sizes.lobes += point.n_records() as u64;
         }
     }
-    let chunks = asset.manifest().content.objects.iter().flat_map(|object| &object.patches).filter_map(|patch| patch.transfer.as_ref());
+    let chunks =
+        asset.manifest().content.objects.iter().flat_map(|object| &object.patches).filter_map(|patch| patch.factor(ChunkKind::Transfer));
     sizes.bytes = chunks.map(|descriptor| descriptor.bytes).sum();
     sizes
 }

@@ -4,7 +4,7 @@ use super::read::{parse_asset, read};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_manifests::asset::{AssetContent, AssetObject, AssetPatch};
-use prelight_manifests::{AssetManifest, ByteSize, Descriptor, Digest};
+use prelight_manifests::{AssetManifest, ByteSize, ChunkKind, Descriptor, Digest};
 use prelight_runtime::asset::open_file::is_pack;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{self, Metrics};
@@ -178,13 +178,16 @@ fn what_differs(test: &AssetObject, reference: &AssetObject) -> Vec<String> {
     if test.patches.len() != reference.patches.len() {
         what.push(format!("{} patches in place of {}", test.patches.len(), reference.patches.len()));
     }
-    let kinds: [(&str, fn(&AssetPatch) -> &Descriptor); 3] =
-        [("points", |patch| &patch.points), ("surface", |patch| &patch.surface), ("visibility", |patch| &patch.visibility)];
-    for (name, of) in kinds {
-        let known: BTreeSet<Digest> = reference.patches.iter().map(|patch| of(patch).digest).collect();
-        let new = test.patches.iter().filter(|patch| !known.contains(&of(patch).digest)).count();
+    let all = |object: &AssetObject| -> BTreeSet<(ChunkKind, Digest)> {
+        object.patches.iter().flat_map(AssetPatch::descriptors).map(|chunk| (chunk.kind, chunk.digest)).collect()
+    };
+    let (found, known) = (all(test), all(reference));
+    let kinds: BTreeSet<ChunkKind> = found.iter().map(|(kind, _)| *kind).collect();
+    for kind in kinds {
+        let is_new = |chunk: &Descriptor| chunk.kind == kind && !known.contains(&(kind, chunk.digest));
+        let new = test.patches.iter().filter(|patch| patch.descriptors().any(is_new)).count();
         if new > 0 {
-            what.push(format!("{name} of {new} of {} patches", test.patches.len()));
+            what.push(format!("{kind} of {new} of {} patches", test.patches.len()));
         }
     }
     if what.is_empty() { vec!["the order of its patches".to_string()] } else { what }

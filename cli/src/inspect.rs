@@ -7,11 +7,11 @@ use super::render::{Picture, image_format, relight, set_metrics, write_image};
 use super::truth::Truth;
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
-use prelight_manifests::ByteSize;
 use prelight_manifests::asset::AssetObject;
 use prelight_manifests::quality::Shades;
-use prelight_runtime::asset::Asset;
+use prelight_manifests::{ByteSize, ChunkKind};
 use prelight_runtime::asset::points::BURIED;
+use prelight_runtime::asset::{Asset, AssetPatch};
 use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::draw::camera::CameraRays;
 use prelight_runtime::draw::flip::flip_map;
@@ -85,8 +85,7 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
     let mut by_kind: BTreeMap<String, u64> = BTreeMap::new();
     let mut seen = HashSet::new();
     for descriptor in manifest.content.descriptors().filter(|descriptor| seen.insert(descriptor.digest)) {
-        let kind = serde_json::to_value(descriptor.kind)?;
-        *by_kind.entry(kind.as_str().unwrap_or_default().to_string()).or_default() += descriptor.bytes;
+        *by_kind.entry(descriptor.kind.to_string()).or_default() += descriptor.bytes;
     }
     let glob = match &args.object {
         Some(pattern) => Some(globset::Glob::new(pattern)?.compile_matcher()),
@@ -100,14 +99,18 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
     let directions = 6 * manifest.content.face_resolution * manifest.content.face_resolution;
     for (object, entry) in asset.objects.iter().zip(&manifest.content.objects).filter(|(object, _)| chosen(&object.name)) {
         let buried = flags(object.patches.clone()).filter(|flags| flags & BURIED != 0).count();
-        let visibility: u64 = entry.patches.iter().map(|patch| patch.visibility.bytes).sum();
-        let steps = asset.patches[object.patches.clone()].first().and_then(|patch| patch.visibility().steps());
+        let mut bytes = BTreeMap::from([("total".to_string(), object_bytes(entry)), ("mesh".to_string(), entry.mesh.bytes)]);
+        for factor in entry.patches.iter().flat_map(|patch| &patch.factors) {
+            *bytes.entry(factor.kind.to_string()).or_default() += factor.bytes;
+        }
+        let has_visibility = |patch: &&AssetPatch| patch.factor(ChunkKind::Visibility).is_some();
+        let steps = asset.patches[object.patches.clone()].first().filter(has_visibility).and_then(|patch| patch.visibility().steps());
         let shades = Shades::of_steps(steps).unwrap_or_default().name();
         let measured = measured(asset, &object.name);
         objects.push(json!({
             "name": object.name, "technique": entry.technique, "points": entry.n_points, "buried": buried, "triangles": entry.n_triangles,
             "patches": entry.patches.len(), "edge_length": round(object.edge_length), "directions": directions, "visibility": shades,
-            "bytes": { "total": object_bytes(entry), "visibility": visibility, "mesh": entry.mesh.bytes },
+            "bytes": bytes,
             "max_error": measured["max_error"], "predicted": measured["predicted"], "measured": measured["held_back"], "grid": measured["grid"],
             "declared": measured["declared"],
         }));
@@ -179,10 +182,7 @@ fn measured(asset: &Asset, name: &str) -> Value {
 
 /// Plain bytes of an object's chunks, shared ones counted in full.
 fn object_bytes(entry: &AssetObject) -> u64 {
-    let patches = entry.patches.iter().map(|patch| {
-        patch.points.bytes + patch.surface.bytes + patch.visibility.bytes + patch.transfer.as_ref().map_or(0, |transfer| transfer.bytes)
-    });
-    entry.mesh.bytes + entry.base.bytes + patches.sum::<u64>()
+    entry.descriptors().map(|descriptor| descriptor.bytes).sum()
 }
 
 /// Colours of techniques, in the order of their names in the asset.

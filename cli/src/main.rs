@@ -301,7 +301,7 @@ fn long_version() -> &'static str {
             version::ASSET_FORMAT,
             version::ALGORITHM_VERSION,
             version::EVENT_VERSION,
-            prelight_manifests::Technique::BUILT_IN.join(", "),
+            prelight_manifests::Techniques::built_in().names().join(", "),
             instructions::in_force(),
         )
     })

@@ -5,7 +5,7 @@ use super::output::talk;
 use super::{Context, Failure, Summary};
 use clap::Args;
 use prelight_bake::progress::{Stage, check};
-use prelight_manifests::{ByteSize, ChunkKind};
+use prelight_manifests::ByteSize;
 use prelight_store::{AssetPackWriter, ChunkSource, FormChoice};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -43,7 +43,9 @@ pub fn run(args: PackArgs, context: &Context) -> Result<Summary, Failure> {
     let mut writer = AssetPackWriter::create(&output, manifest.to_text().as_bytes())?;
     for descriptor in descriptors {
         check(context.progress())?;
-        writer.add(&store.chunk(descriptor)?, if args.compress { FormChoice::Auto } else { form(descriptor.kind) })?;
+        // Nothing that shading or drawing reads has to be decoded when the file is opened.
+        let is_raw = descriptor.kind.is_hot() && !args.compress;
+        writer.add(&store.chunk(descriptor)?, if is_raw { FormChoice::Raw } else { FormChoice::Auto })?;
         stage.advance(1);
     }
     let bytes = writer.finish()?;
@@ -51,16 +53,6 @@ pub fn run(args: PackArgs, context: &Context) -> Result<Summary, Failure> {
     summary.set("file", output.display().to_string()).set("bytes.file", bytes);
     summary.set_text(format!("{}: {} ({} in memory)\n", output.display(), ByteSize(bytes), ByteSize(plain)));
     Ok(summary)
-}
-
-/// What shading and drawing read lies as it is read; what is looked at once, or never by an app, is compressed where that pays.
-fn form(kind: ChunkKind) -> FormChoice {
-    match kind {
-        ChunkKind::Points | ChunkKind::Surface | ChunkKind::Visibility | ChunkKind::Transfer | ChunkKind::Mesh | ChunkKind::Texture => {
-            FormChoice::Raw
-        }
-        _ => FormChoice::Auto,
-    }
 }
 
 /// `room.prelight.json` becomes `room.prelight`.

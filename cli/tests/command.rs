@@ -223,7 +223,7 @@ fn version_says_what_can_be_read() {
     let short = stdout(&run(folder.path(), &["-V"]));
     assert_eq!(short.trim(), concat!("prelight ", env!("CARGO_PKG_VERSION")));
     let long = stdout(&run(folder.path(), &["--version"]));
-    assert!(["scene.toml format 1", "asset format 1", "block_product", "simd: "].iter().all(|word| long.contains(word)), "{long}");
+    assert!(["scene.toml format 1", "asset format 2", "block_product", "simd: "].iter().all(|word| long.contains(word)), "{long}");
 }
 
 #[test]
@@ -383,8 +383,7 @@ fn asset(name: &str, n: u8, seed: u8) -> prelight_manifests::AssetManifest {
         n_points: 10,
         points: chunk(ChunkKind::Points, seed + 3 * k),
         surface: chunk(ChunkKind::Surface, seed + 3 * k + 1),
-        visibility: chunk(ChunkKind::Visibility, seed + 3 * k + 2),
-        transfer: None,
+        factors: vec![chunk(ChunkKind::Visibility, seed + 3 * k + 2)],
     };
     let object = AssetObject {
         name: name.into(),
@@ -398,7 +397,7 @@ fn asset(name: &str, n: u8, seed: u8) -> prelight_manifests::AssetManifest {
         patches: (0..n).map(patch).collect(),
     };
     prelight_manifests::AssetManifest {
-        format: 1,
+        format: prelight_manifests::version::ASSET_FORMAT,
         asset_digest: Digest([seed; 32]),
         content: AssetContent {
             algorithm_version: 1,

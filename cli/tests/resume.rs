@@ -279,7 +279,7 @@ fn a_flipped_byte_is_named_by_render_and_mended_by_bake() {
 
     let object = &asset.content.objects[1];
     let patch = &object.patches[object.patches.len() / 2];
-    for (what, descriptor) in [("visibility", &patch.visibility), ("points", &patch.points), ("mesh", &object.mesh)] {
+    for (what, descriptor) in [("visibility", &patch.factors[0]), ("points", &patch.points), ("mesh", &object.mesh)] {
         assert!(damage(folder.path(), &descriptor.digest.0) > 0, "{what} is not in the store");
         let broken = render();
         assert_eq!(broken.status.code(), Some(6), "{what}: {}", stderr(&broken));

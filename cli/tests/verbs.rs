@@ -84,7 +84,7 @@ fn parts_bake_as_one_scene_and_a_file_used_twice_is_stored_once() {
     assert_eq!(summary(&output)["objects"], 2, "{}", stderr(&output));
     let gray = asset(folder, "gray.prelight.json").content;
     assert_eq!(gray.objects[0], content.objects[0]);
-    assert_ne!(gray.objects[1].patches[0].visibility, content.objects[1].patches[0].visibility);
+    assert_ne!(gray.objects[1].patches[0].factors, content.objects[1].patches[0].factors);
     let inspected = summary(&run(folder, &["inspect", "gray.prelight.json", "--json"]));
     assert_eq!([0, 1].map(|object| inspected["objects"][object]["visibility"].clone()), ["binary", "gray6"]);
 

@@ -1,24 +1,39 @@
 //! The sealed bake: a small JSON file that names every chunk.
 //!
-//! `content` decides `asset_digest` = blake3 of [`AssetContent::canonical`]; `report` says how the bake went and is never hashed.
+//! `content` decides `asset_digest` = blake3 of [`AssetManifest::canonical`]; `report` says how the bake went and is never hashed.
 //! Nothing in `content` comes from a clock, a CPU feature, a thread count or a path.
+//!
+//! Two formats are read: 2, which this build writes, and 1 (`asset/format_1.rs`). A manifest remembers its format and is written and hashed
+//! in it, so what was sealed in format 1 keeps its digest.
 
-use crate::{ChunkKind, Descriptor, Digest, ManifestError, version};
+mod check;
+mod format_1;
+
+use crate::{ChunkKind, Descriptor, Digest, ManifestError, Techniques, version};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
-/// A whole asset manifest.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// A whole asset manifest. Read by [`AssetManifest::parse`], written by [`AssetManifest::to_text`].
+#[derive(Clone, Debug, PartialEq)]
 pub struct AssetManifest {
-    /// [`version::ASSET_FORMAT`].
+    /// Format of its file: [`version::ASSET_FORMAT`], or the older one that it was read from.
     pub format: u32,
-    /// blake3 of the canonical form of `content`.
+    /// blake3 of [`AssetManifest::canonical`].
     pub asset_digest: Digest,
     /// What was baked.
     pub content: AssetContent,
     /// How it went: errors, seconds, stored bytes, machine, paths, store. Free-form, for people and tools.
     pub report: BTreeMap<String, serde_json::Value>,
+}
+
+/// The file as it lies, whatever the form of its content.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File<C> {
+    format: u32,
+    asset_digest: Digest,
+    content: C,
+    report: BTreeMap<String, serde_json::Value>,
 }
 
 /// The hashed part.
@@ -80,38 +95,63 @@ pub struct AssetPatch {
     pub points: Descriptor,
     /// Averaged material parameters.
     pub surface: Descriptor,
-    /// What the points see.
-    pub visibility: Descriptor,
-    /// What reaches them over other surfaces; `vmf_transfer` only.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub transfer: Option<Descriptor>,
+    /// One chunk per factor of the object's technique, in the order of [`crate::TechniqueInfo::factors`].
+    pub factors: Vec<Descriptor>,
+}
+
+impl AssetPatch {
+    /// The factor of a kind, where the technique has one.
+    pub fn factor(&self, kind: ChunkKind) -> Option<&Descriptor> {
+        self.factors.iter().find(|factor| factor.kind == kind)
+    }
+
+    /// Every chunk of the patch, in a fixed order.
+    pub fn descriptors(&self) -> impl Iterator<Item = &Descriptor> {
+        [&self.points, &self.surface].into_iter().chain(&self.factors)
+    }
+}
+
+impl AssetObject {
+    /// Every chunk of the object, in a fixed order, with repeats.
+    pub fn descriptors(&self) -> impl Iterator<Item = &Descriptor> {
+        [&self.base, &self.mesh].into_iter().chain(self.patches.iter().flat_map(AssetPatch::descriptors))
+    }
 }
 
 impl AssetContent {
-    /// The bytes that are hashed: JSON without spaces, keys in the order of the fields above.
+    /// The bytes that are hashed for a new asset: JSON without spaces, keys in the order of the fields above. Of an asset that was read,
+    /// the hashed ones are [`AssetManifest::canonical`].
     pub fn canonical(&self) -> Vec<u8> {
-        serde_json::to_vec(self).expect("asset content has string keys and finite numbers")
+        serde_json::to_vec(self).expect(WRITABLE)
     }
 
     /// Every chunk that the asset needs, in a fixed order, with repeats.
     pub fn descriptors(&self) -> impl Iterator<Item = &Descriptor> {
         let scene = [&self.materials, &self.cameras, &self.names].into_iter().chain(&self.textures).chain(&self.brdfs);
-        let objects = self.objects.iter().flat_map(|object| {
-            let patches = object
-                .patches
-                .iter()
-                .flat_map(|patch| [&patch.points, &patch.surface, &patch.visibility].into_iter().chain(&patch.transfer));
-            [&object.base, &object.mesh].into_iter().chain(patches)
-        });
-        scene.chain(objects)
+        scene.chain(self.objects.iter().flat_map(AssetObject::descriptors))
     }
 }
+
+/// Why writing cannot fail.
+const WRITABLE: &str = "asset manifests have string keys and finite numbers";
 
 impl AssetManifest {
     /// Reads JSON text; `file` names it in errors.
     ///
-    /// Checks format, techniques, kinds of chunks, unique object names and that point counts add up. The digest is the caller's to check (no hashing here).
+    /// Checks format, techniques, kinds of chunks, unique object names and that point counts add up. The digest is the caller's to check
+    /// (no hashing here).
+    ///
+    /// # Errors
+    /// What does not hold, and where.
     pub fn parse(file: &str, text: &str) -> Result<Self, ManifestError> {
+        Self::parse_with(file, text, &Techniques::built_in())
+    }
+
+    /// [`AssetManifest::parse`] where more techniques are known than the built-in ones.
+    ///
+    /// # Errors
+    /// As [`AssetManifest::parse`].
+    pub fn parse_with(file: &str, text: &str, techniques: &Techniques) -> Result<Self, ManifestError> {
         let syntax = |error: serde_json::Error| ManifestError::Syntax {
             file: file.to_string(),
             line: error.line(),
@@ -119,100 +159,46 @@ impl AssetManifest {
             message: error.to_string(),
             help: Some("an asset is made by `prelight bake`; is this one complete?".to_string()),
         };
+        // The format first: a newer file may have keys that this build does not know.
         #[derive(Deserialize)]
         struct Head {
             format: u64,
         }
         let head: Head = serde_json::from_str(text).map_err(syntax)?;
-        if head.format != u64::from(version::ASSET_FORMAT) {
-            let (file, known) = (file.to_string(), version::ASSET_FORMAT);
-            return Err(ManifestError::Format { file, found: head.format, known });
-        }
-        let manifest: AssetManifest = serde_json::from_str(text).map_err(syntax)?;
-        manifest.check(file)?;
+        let File { format, asset_digest, content, report } = match head.format {
+            1 => {
+                let File { format, asset_digest, content, report } =
+                    serde_json::from_str::<File<format_1::Content>>(text).map_err(syntax)?;
+                File { format, asset_digest, content: AssetContent::from(content), report }
+            }
+            2 => serde_json::from_str::<File<AssetContent>>(text).map_err(syntax)?,
+            found => return Err(ManifestError::Format { file: file.to_string(), found, known: version::ASSET_FORMAT }),
+        };
+        let manifest = AssetManifest { format, asset_digest, content, report };
+        manifest.check(file, techniques)?;
         Ok(manifest)
     }
 
-    /// The file's text: JSON with indentation and a final newline.
+    /// The bytes that `asset_digest` is of: the content as the manifest's format writes it, JSON without spaces.
+    ///
+    /// # Panics
+    /// As [`AssetManifest::to_text`].
+    pub fn canonical(&self) -> Vec<u8> {
+        if self.format == 1 { format_1::Content::of(&self.content).canonical() } else { self.content.canonical() }
+    }
+
+    /// The file's text in the manifest's format: JSON with indentation and a final newline.
+    ///
+    /// # Panics
+    /// When `format` is 1 and a patch has other factors than that format can write; no such manifest was ever parsed.
     pub fn to_text(&self) -> String {
-        serde_json::to_string_pretty(self).expect("asset manifests have string keys and finite numbers") + "\n"
-    }
-
-    fn check(&self, file: &str) -> Result<(), ManifestError> {
-        let range = |field: String, value: String, expected: &str| ManifestError::Range {
-            file: file.to_string(),
-            field,
-            value,
-            expected: expected.to_string(),
+        let AssetManifest { format, asset_digest, content, report } = self.clone();
+        let text = match format {
+            1 => serde_json::to_string_pretty(&File { format, asset_digest, content: format_1::Content::of(&content), report }),
+            _ => serde_json::to_string_pretty(&File { format, asset_digest, content, report }),
         };
-        let face = self.content.face_resolution;
-        if face != 64 && face != 128 {
-            return Err(range("content.face_resolution".into(), face.to_string(), "64 or 128"));
-        }
-        let kind = |field: String, descriptor: &Descriptor, expected: ChunkKind| {
-            if descriptor.kind == expected {
-                return Ok(());
-            }
-            Err(range(field + ".kind", name_of(descriptor.kind), &name_of(expected)))
-        };
-        kind("content.materials".into(), &self.content.materials, ChunkKind::Materials)?;
-        kind("content.cameras".into(), &self.content.cameras, ChunkKind::Cameras)?;
-        kind("content.names".into(), &self.content.names, ChunkKind::Names)?;
-        for (i, texture) in self.content.textures.iter().enumerate() {
-            kind(format!("content.textures[{i}]"), texture, ChunkKind::Texture)?;
-        }
-        for (i, brdf) in self.content.brdfs.iter().enumerate() {
-            kind(format!("content.brdfs[{i}]"), brdf, ChunkKind::Brdf)?;
-        }
-        let mut names = BTreeSet::new();
-        for (i, object) in self.content.objects.iter().enumerate() {
-            if !names.insert(&object.name) {
-                let field = format!("content.objects[{i}].name");
-                return Err(range(field, format!("{:?}", object.name), "a name that no object before it has"));
-            }
-            if object.edge_length <= 0.0 {
-                let field = format!("content.objects[{i}].edge_length");
-                return Err(range(field, object.edge_length.to_string(), "a length above 0"));
-            }
-            kind(format!("content.objects[{i}].base"), &object.base, ChunkKind::Base)?;
-            kind(format!("content.objects[{i}].mesh"), &object.mesh, ChunkKind::Mesh)?;
-            if !crate::Technique::BUILT_IN.contains(&object.technique.as_str()) {
-                return Err(ManifestError::Technique {
-                    file: file.to_string(),
-                    found: object.technique.clone(),
-                    known: crate::Technique::BUILT_IN.join(", "),
-                });
-            }
-            for (k, patch) in object.patches.iter().enumerate() {
-                if !(1..=256).contains(&patch.n_points) {
-                    let field = format!("content.objects[{i}].patches[{k}].n_points");
-                    return Err(range(field, patch.n_points.to_string(), "1..=256"));
-                }
-                let at = |name: &str| format!("content.objects[{i}].patches[{k}].{name}");
-                kind(at("points"), &patch.points, ChunkKind::Points)?;
-                kind(at("surface"), &patch.surface, ChunkKind::Surface)?;
-                kind(at("visibility"), &patch.visibility, ChunkKind::Visibility)?;
-                if let Some(transfer) = &patch.transfer {
-                    kind(at("transfer"), transfer, ChunkKind::Transfer)?;
-                }
-                if patch.transfer.is_some() != (object.technique == crate::Technique::VmfTransfer.name()) {
-                    let expected = "a chunk where the technique is vmf_transfer, and none elsewhere";
-                    return Err(range(at("transfer"), patch.transfer.is_some().to_string(), expected));
-                }
-            }
-            let sum: u64 = object.patches.iter().map(|patch| u64::from(patch.n_points)).sum();
-            if sum != u64::from(object.n_points) {
-                let field = format!("content.objects[{i}].n_points");
-                return Err(range(field, object.n_points.to_string(), &format!("{sum}, the sum over its patches")));
-            }
-        }
-        Ok(())
+        text.expect(WRITABLE) + "\n"
     }
-}
-
-/// As it stands in the file.
-fn name_of(kind: ChunkKind) -> String {
-    serde_json::to_value(kind).ok().and_then(|value| value.as_str().map(str::to_string)).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -324,7 +324,7 @@ mod tests {
         assert_eq!(knobs[0].edge_length, Some(0.1));
         assert_eq!(knobs[0].knobs.normal_angle_deg, Quality::High.knobs().normal_angle_deg);
         assert_eq!(knobs[1].knobs.normal_angle_deg, Quality::Draft.knobs().normal_angle_deg);
-        assert!(knobs.iter().all(|knobs| knobs.knobs.max_error == 0.125 && knobs.technique == Technique::BlockProduct));
+        assert!(knobs.iter().all(|knobs| knobs.knobs.max_error == 0.125 && knobs.technique == Technique::BLOCK_PRODUCT));
         assert_eq!(warnings, ["object[1].match = \"Chair\" matches no object"]);
         assert_eq!([0, 1].map(|object| knobs[object].visibility), [Some(Shades::Gray6), None]);
         assert_eq!([0, 1].map(|object| knobs[object].knobs.visibility), [Shades::Gray6, Shades::Binary]);

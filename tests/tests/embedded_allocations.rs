@@ -1,7 +1,6 @@
 //! Nothing that shading reads is copied: not from a program's own bytes, not from a mapped file.
 #![allow(unsafe_code)] // a counting global allocator cannot be written without
 
-use prelight_manifests::ChunkKind;
 use prelight_runtime::asset::Asset;
 use prelight_store::{AssetPackWriter, ChunkSource, FormChoice, Store};
 use prelight_tests::{bake_into, options, still_life};
@@ -41,8 +40,7 @@ fn packed(path: &Path) {
     let manifest = baked.seal(Default::default(), &store).unwrap();
     let mut writer = AssetPackWriter::create(path, manifest.to_text().as_bytes()).unwrap();
     for descriptor in manifest.content.descriptors() {
-        let is_hot = !matches!(descriptor.kind, ChunkKind::Materials | ChunkKind::Cameras | ChunkKind::Names | ChunkKind::Base);
-        let form = if is_hot { FormChoice::Raw } else { FormChoice::Auto };
+        let form = if descriptor.kind.is_hot() { FormChoice::Raw } else { FormChoice::Auto };
         writer.add(&store.chunk(descriptor).unwrap(), form).unwrap();
     }
     writer.finish().unwrap();

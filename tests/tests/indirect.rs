@@ -8,7 +8,7 @@ use prelight_bake::vmf_transfer::VmfTransfer;
 use prelight_bake::vmf_transfer::angular::ViewOptions;
 use prelight_bake::vmf_transfer::edges::MeshOptions;
 use prelight_bake::vmf_transfer::transfer::TransferOptions;
-use prelight_manifests::Technique;
+use prelight_manifests::{ChunkKind, Technique};
 use prelight_runtime::asset::Asset;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::image::Image;
@@ -108,7 +108,7 @@ fn truth(scene: &Scene, edge_length: f32, bounces: u32) -> (Image, Vec<bool>) {
 fn indirect_light_brings_the_picture_to_the_reference_with_one_bounce() {
     let (scene, edge_length) = (pot(0.35), 0.045);
     let (asset, stats) = open(&scene, &with_transfer(&scene, edge_length));
-    assert!(asset.manifest().content.objects.iter().all(|object| object.technique == Technique::VmfTransfer.name()));
+    assert!(asset.manifest().content.objects.iter().all(|object| object.technique == Technique::VMF_TRANSFER.name()));
     assert!(
         stats.tally("vmf_transfer", "rays") > 0
             && stats.tally("vmf_transfer", "lit_points") > 0
@@ -151,7 +151,7 @@ fn threads_and_resuming_change_no_digest_of_transfer() {
     let plain = bake_into(&scene, &prelight_tests::options(&scene, 0.15), &folder.path().join("one"));
     assert_eq!(plain.stats.patches_traced, 0);
     let visibility = |baked: &prelight_bake::bake::Baked| -> Vec<_> {
-        baked.content.objects.iter().flat_map(|o| o.patches.iter().map(|p| p.visibility.clone())).collect()
+        baked.content.objects.iter().flat_map(|o| o.patches.iter().map(|p| p.factor(ChunkKind::Visibility).cloned())).collect()
     };
     assert_eq!(visibility(&plain), visibility(&unsplit));
     assert_ne!(plain.asset_digest, unsplit.asset_digest);

@@ -69,10 +69,10 @@ fn previews_are_valid_coarse_and_part_of_the_same_bake() {
     let open = |baked: &Baked| Asset::open(baked.seal(Default::default(), &store).unwrap(), &store).unwrap();
     let finished = open(&baked);
     let reference = draw(&finished);
-    let known: HashSet<_> = baked.content.objects.iter().flat_map(|object| &object.patches).map(|patch| patch.visibility.digest).collect();
+    let known: HashSet<_> = baked.content.objects.iter().flat_map(|object| &object.patches).map(|patch| patch.factors[0].digest).collect();
     for preview in &previews {
         assert!(preview.stats.points * 2 < baked.stats.points, "{} of {}", preview.stats.points, baked.stats.points);
-        let digests = preview.content.objects.iter().flat_map(|object| &object.patches).map(|patch| patch.visibility.digest);
+        let digests = preview.content.objects.iter().flat_map(|object| &object.patches).map(|patch| patch.factors[0].digest);
         assert!(digests.into_iter().all(|digest| known.contains(&digest)), "each chunk of visibility is one of the finished bake");
         let asset = open(preview);
         for object in 0..asset.objects.len() {
@@ -126,7 +126,7 @@ fn a_preview_does_not_wait_for_light_over_other_surfaces() {
     let mut first = |baked: Baked| {
         let objects = &baked.content.objects;
         assert!(objects.iter().all(|object| object.technique == "block_product"));
-        assert!(objects.iter().flat_map(|object| &object.patches).all(|patch| patch.transfer.is_none()));
+        assert!(objects.iter().flat_map(|object| &object.patches).all(|patch| patch.factors.len() == 1));
         seen = true;
         ControlFlow::Break(())
     };

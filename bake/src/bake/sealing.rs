@@ -106,8 +106,9 @@ impl Context<'_> {
                     None => writer.put(ChunkKind::Surface, Dtype::U8, vec![n], &surfaces().patch(patch).to_chunk())?,
                 };
                 let visibility = object.visibility[index].0.clone();
-                let transfer = object.factors.first().filter(|_| technique.is_some()).map(|patches| patches[index].descriptor.clone());
-                patches.push(AssetPatch { n_points: patch.n_points, points, surface, visibility, transfer });
+                let added = object.factors.iter().filter(|_| technique.is_some()).map(|patches| patches[index].descriptor.clone());
+                let factors = std::iter::once(visibility).chain(added).collect();
+                patches.push(AssetPatch { n_points: patch.n_points, points, surface, factors });
                 stage.advance(1);
                 waiting += n as usize;
                 if waiting >= POINTS_PER_SHARD && before.is_none() {
@@ -128,7 +129,7 @@ impl Context<'_> {
             };
             let made = AssetObject {
                 name: source.name.clone(),
-                technique: technique.map_or(Technique::BlockProduct.name(), |technique| technique.name).to_string(),
+                technique: technique.map_or(Technique::BLOCK_PRODUCT.name(), |technique| technique.name).to_string(),
                 n_points: plan.n_points() as u32,
                 n_triangles: plan.n_triangles() as u32,
                 base,

@@ -98,13 +98,12 @@ impl ObjectChunks {
                 n_points: light.n_points,
                 points: points.clone(),
                 surface: surface.clone(),
-                visibility: light.visibility.clone(),
-                transfer: None,
+                factors: vec![light.visibility.clone()],
             })
             .collect();
         AssetObject {
             name: source.name.clone(),
-            technique: Technique::BlockProduct.name().to_string(),
+            technique: Technique::BLOCK_PRODUCT.name().to_string(),
             n_points: patches.iter().map(|patch| patch.n_points).sum(),
             n_triangles: self.counts.triangles,
             base: self.base.clone(),

@@ -37,7 +37,7 @@ impl VmfTransfer {
 
 impl Technique for VmfTransfer {
     fn name(&self) -> &str {
-        Name::VmfTransfer.name()
+        Name::VMF_TRANSFER.name()
     }
 
     fn takes(&self, object: u32) -> bool {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::Dtype;
+use crate::{Dtype, TechniqueInfo};
 use serde_json::{Value, json};
 
 fn descriptor(kind: ChunkKind, seed: u8) -> Descriptor {
@@ -11,8 +11,7 @@ fn patch(n_points: u32, seed: u8) -> AssetPatch {
         n_points,
         points: descriptor(ChunkKind::Points, seed),
         surface: descriptor(ChunkKind::Surface, seed + 1),
-        visibility: descriptor(ChunkKind::Visibility, seed + 2),
-        transfer: None,
+        factors: vec![descriptor(ChunkKind::Visibility, seed + 2)],
     }
 }
 
@@ -67,7 +66,7 @@ fn canonical_form_holds_the_content_and_only_that() {
     other.report.insert("machine".into(), "another".into());
     other.asset_digest = Digest([0; 32]);
     assert_eq!(one.content.canonical(), other.content.canonical());
-    other.content.objects[1].patches[0].visibility.digest = Digest([99; 32]);
+    other.content.objects[1].patches[0].factors[0].digest = Digest([99; 32]);
     assert_ne!(one.content.canonical(), other.content.canonical());
     let canonical = String::from_utf8(one.content.canonical()).unwrap();
     assert!(canonical.starts_with("{\"algorithm_version\":1,\"face_resolution\":64,\"objects\":[{\"name\":\"root/Sofa\""), "{canonical}");
@@ -87,27 +86,107 @@ fn descriptors_name_every_chunk_in_a_fixed_order() {
 
 #[test]
 fn wrong_content_is_refused_with_the_field_that_is_wrong() {
-    let cases: [(&str, Value, &str); 14] = [
+    let cases: [(&str, Value, &str); 15] = [
         ("/content/face_resolution", json!(65), "content.face_resolution = 65, expected 64 or 128"),
         ("/content/objects/1/name", json!("root/Sofa"), "content.objects[1].name"),
         ("/content/objects/0/n_points", json!(301), "content.objects[0].n_points = 301, expected 300"),
         ("/content/objects/0/patches/1/n_points", json!(0), "content.objects[0].patches[1].n_points = 0, expected 1..=256"),
         ("/content/objects/0/patches/1/n_points", json!(257), "content.objects[0].patches[1].n_points = 257"),
         ("/content/objects/0/technique", json!("square_light"), "technique `square_light` is not in this build, which has: block_product"),
-        ("/content/objects/0/technique", json!("vmf_transfer"), "content.objects[0].patches[0].transfer = false, expected a chunk where"),
+        (
+            "/content/objects/0/technique",
+            json!("vmf_transfer"),
+            "patches[0].factors[1].kind = none, expected transfer: vmf_transfer has visibility, transfer",
+        ),
         ("/content/objects/0/technique", json!("auto"), "technique `auto`"),
         ("/content/objects/0/mesh/kind", json!("points"), "content.objects[0].mesh.kind = points, expected mesh"),
-        ("/content/objects/1/patches/0/visibility/kind", json!("image"), "content.objects[1].patches[0].visibility.kind = image"),
+        ("/content/objects/1/patches/0/factors/0/kind", json!("image"), "content.objects[1].patches[0].factors[0].kind = image, expected"),
+        ("/content/objects/1/patches/1/factors", json!([]), "patches[1].factors[0].kind = none, expected visibility"),
         ("/content/textures/0/kind", json!("mesh"), "content.textures[0].kind = mesh, expected texture"),
         ("/content/objects/0/base/kind", json!("mesh"), "content.objects[0].base.kind = mesh, expected base"),
         ("/content/objects/1/edge_length", json!(0.0), "content.objects[1].edge_length = 0, expected a length above 0"),
-        ("/format", json!(2), "format 2"),
+        ("/format", json!(3), "room.prelight.json has format 3, this build reads up to 2\n  help: use a newer prelight"),
     ];
     for (pointer, value, words) in cases {
-        let mut json = serde_json::to_value(manifest()).unwrap();
+        let mut json: Value = serde_json::from_str(&manifest().to_text()).unwrap();
         *json.pointer_mut(pointer).expect(pointer) = value;
         let error = AssetManifest::parse("room.prelight.json", &json.to_string()).expect_err(pointer).to_string();
         assert!(error.contains("room.prelight.json") && error.contains(words), "{pointer}: {error}");
+    }
+}
+
+/// A manifest of both techniques.
+fn with_transfer() -> AssetManifest {
+    let mut manifest = manifest();
+    let object = &mut manifest.content.objects[1];
+    object.technique = "vmf_transfer".into();
+    for (patch, seed) in object.patches.iter_mut().zip(50..) {
+        patch.factors.push(descriptor(ChunkKind::Transfer, seed));
+    }
+    manifest
+}
+
+#[test]
+fn factors_must_be_those_of_the_technique_in_its_order() {
+    let manifest = with_transfer();
+    let back = AssetManifest::parse("a", &manifest.to_text()).unwrap();
+    assert_eq!(back, manifest);
+    let patch = &back.content.objects[1].patches[0];
+    assert_eq!(patch.factor(ChunkKind::Transfer).unwrap().digest, Digest([50; 32]));
+    assert_eq!(back.content.objects[0].patches[0].factor(ChunkKind::Transfer), None);
+
+    let refused = |change: &dyn Fn(&mut Vec<Descriptor>)| {
+        let mut manifest = with_transfer();
+        change(&mut manifest.content.objects[1].patches[0].factors);
+        AssetManifest::parse("a", &manifest.to_text()).expect_err("wrong factors").to_string()
+    };
+    let swapped = refused(&|factors| factors.swap(0, 1));
+    assert!(swapped.contains("factors[0].kind = transfer, expected visibility: vmf_transfer has visibility, transfer"), "{swapped}");
+    let doubled = refused(&|factors| factors.push(factors[1].clone()));
+    assert!(doubled.contains("factors[2].kind = transfer, expected none"), "{doubled}");
+}
+
+#[test]
+fn a_technique_from_outside_is_read_where_it_was_added() {
+    const CONSTANT: ChunkKind = ChunkKind::custom("toy:constant");
+    let mut manifest = manifest();
+    manifest.content.objects[0].technique = "constant".into();
+    manifest.content.objects[0].patches.iter_mut().for_each(|patch| patch.factors[0].kind = CONSTANT);
+    let text = manifest.to_text();
+    let refused = AssetManifest::parse("a", &text).expect_err("unknown").to_string();
+    assert!(refused.contains("technique `constant` is not in this build"), "{refused}");
+    let toy = TechniqueInfo { name: "constant", factors: &[CONSTANT], summary: "One light.", paper: "" };
+    assert_eq!(AssetManifest::parse_with("a", &text, &Techniques::built_in().with(toy)).unwrap(), manifest);
+}
+
+#[test]
+fn format_1_is_read_and_written_as_it_was() {
+    let manifest = AssetManifest { format: 1, ..with_transfer() };
+    let text = manifest.to_text();
+    assert!(!text.contains("factors"), "{text}");
+    let json: Value = serde_json::from_str(&text).unwrap();
+    let patch = &json["content"]["objects"][1]["patches"][0];
+    assert_eq!((&patch["visibility"]["kind"], &patch["transfer"]["kind"]), (&json!("visibility"), &json!("transfer")));
+    assert!(json["content"]["objects"][0]["patches"][0].get("transfer").is_none());
+
+    let back = AssetManifest::parse("a", &text).unwrap();
+    assert_eq!(back, manifest, "the same values, and it remembers its format");
+    assert_eq!((back.to_text(), back.canonical()), (text.clone(), manifest.canonical()));
+    // Hashed as it stands in the file, without spaces.
+    let content = String::from_utf8(back.canonical()).unwrap();
+    assert_eq!(serde_json::from_str::<Value>(&content).unwrap(), json["content"]);
+    assert!(content.starts_with("{\"algorithm_version\":1,\"face_resolution\":64,\"objects\":[{\"name\":\"root/Sofa\""), "{content}");
+    assert_ne!(back.canonical(), with_transfer().canonical(), "the formats are hashed apart");
+
+    let mut wrong = json.clone();
+    wrong["content"]["objects"][0]["technique"] = json!("vmf_transfer");
+    let error = AssetManifest::parse("a", &wrong.to_string()).expect_err("no transfer").to_string();
+    assert!(error.contains("content.objects[0].patches[0].transfer.kind = none, expected transfer"), "{error}");
+    for format in [1, 2] {
+        let text = AssetManifest { format, ..manifest.clone() }.to_text();
+        let mislabelled = text.replacen(&format!("\"format\": {format}"), &format!("\"format\": {}", 3 - format), 1);
+        let error = AssetManifest::parse("a", &mislabelled).expect_err("the other format's patches");
+        assert!(matches!(error, ManifestError::Syntax { .. }), "{error}");
     }
 }
 
@@ -115,12 +194,14 @@ fn wrong_content_is_refused_with_the_field_that_is_wrong() {
 fn text_that_is_no_asset_is_refused_with_a_place() {
     let whole = manifest().to_text();
     let cut: String = whole.chars().take(whole.len() / 2).collect();
-    let mut extra = serde_json::to_value(manifest()).unwrap();
+    let mut extra: Value = serde_json::from_str(&whole).unwrap();
     extra["content"]["extra"] = json!(1);
-    let mut digest = serde_json::to_value(manifest()).unwrap();
+    let mut digest: Value = serde_json::from_str(&whole).unwrap();
     digest["asset_digest"] = json!("12");
     let deep = format!("{{\"format\":1,\"x\":{}", "[".repeat(100_000));
-    for text in ["", "[]", "{}", "{\"format\":-1}", "{\"format\":1}", &cut, &extra.to_string(), &digest.to_string(), &deep] {
+    for text in
+        ["", "[]", "{}", "{\"format\":-1}", "{\"format\":1}", "{\"format\":2}", &cut, &extra.to_string(), &digest.to_string(), &deep]
+    {
         let error = AssetManifest::parse("a.json", text).expect_err(text);
         assert!(matches!(error, ManifestError::Syntax { .. }), "{error:?}");
         assert!(error.to_string().starts_with("a.json:"), "{error}");

@@ -1,8 +1,8 @@
 //! Ranges, names that must be unique, and what this build cannot do yet.
 
-use super::position::place;
+use super::position::{line_column, offset_of, place, unknown};
 use super::{Brdf, SceneManifest, SceneSource};
-use crate::ManifestError;
+use crate::{ManifestError, Technique, Techniques};
 use std::fmt::Display;
 
 /// Longest edge that makes sense, metres: beyond it f32 positions no longer tell neighbours apart.
@@ -21,6 +21,7 @@ const MIN_SCALE: f64 = 1e-6;
 struct Checker<'a> {
     file: &'a str,
     text: &'a str,
+    techniques: &'a Techniques,
 }
 
 impl Checker<'_> {
@@ -54,14 +55,34 @@ impl Checker<'_> {
         }
     }
 
+    fn technique(&self, field: &str, technique: Option<Technique>) -> Result<(), ManifestError> {
+        let is_known = |technique: Technique| technique == Technique::AUTO || self.techniques.get(technique.name()).is_some();
+        match technique.filter(|technique| !is_known(*technique)) {
+            None => Ok(()),
+            Some(technique) => {
+                let (line, column) = line_column(self.text, offset_of(self.text, field).unwrap_or(0));
+                let known: Vec<&str> = std::iter::once(Technique::AUTO.name()).chain(self.techniques.names()).collect();
+                let (message, help) = unknown("unknown name", technique.name(), &known);
+                Err(ManifestError::Syntax { file: self.file.to_string(), line, column, message, help })
+            }
+        }
+    }
+
+    fn bounces(&self, field: &str, bounces: Option<u32>) -> Result<(), ManifestError> {
+        match bounces {
+            Some(bounces) if !(1..=64).contains(&bounces) => Err(self.range(field, bounces, "1..=64")),
+            _ => Ok(()),
+        }
+    }
+
     fn not_empty(&self, field: &str, value: &str) -> Result<(), ManifestError> {
         if value.trim().is_empty() { Err(self.range(field, "\"\"", "some text")) } else { Ok(()) }
     }
 }
 
 /// Everything about the values that types cannot say.
-pub fn check(manifest: &SceneManifest, file: &str, text: &str) -> Result<(), ManifestError> {
-    let checker = Checker { file, text };
+pub fn check(manifest: &SceneManifest, file: &str, text: &str, techniques: &Techniques) -> Result<(), ManifestError> {
+    let checker = Checker { file, text, techniques };
     if manifest.format == 0 {
         return Err(checker.range("format", 0, 1));
     }
@@ -77,14 +98,21 @@ pub fn check(manifest: &SceneManifest, file: &str, text: &str) -> Result<(), Man
     if let Some(face) = bake.face_resolution.filter(|face| *face != 64 && *face != 128) {
         return Err(checker.range("bake.face_resolution", face, "64 or 128"));
     }
-    if let Some(bounces) = bake.bounces.filter(|bounces| !(1..=64).contains(bounces)) {
-        return Err(checker.range("bake.bounces", bounces, "1..=64"));
+    checker.technique("bake.technique", Some(bake.technique))?;
+    checker.bounces("bake.bounces", bake.bounces)?;
+    checker.bounces("bake.vmf_transfer.bounces", bake.vmf_transfer.bounces)?;
+    if let (Some(old), Some(new)) = (bake.bounces, bake.vmf_transfer.bounces)
+        && old != new
+    {
+        let what = format!("`bounces` is {old} in [bake] and {new} in [bake.vmf_transfer]");
+        return Err(checker.unsupported("bake.bounces", &what, "keep the one in [bake.vmf_transfer]"));
     }
     check_materials(manifest, &checker)?;
     for (i, rule) in manifest.object.iter().enumerate() {
         checker.not_empty(&format!("object[{i}].match"), &rule.pattern)?;
         checker.edge_length(&format!("object[{i}].edge_length"), rule.edge_length)?;
         checker.within(&format!("object[{i}].max_error"), rule.max_error, 1e-4, 1.0)?;
+        checker.technique(&format!("object[{i}].technique"), rule.technique)?;
         checker.within(&format!("object[{i}].smooth_angle_deg"), rule.smooth_angle_deg, 0.0, 180.0)?;
         if let Some(layer) = rule.layer.filter(|layer| *layer > 3) {
             return Err(checker.range(&format!("object[{i}].layer"), layer, "0, 1, 2 or 3"));

@@ -25,9 +25,11 @@ pub mod position;
 pub mod sections;
 pub mod template;
 
-pub use sections::{AlphaModeName, BakeSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, ScenePart, SceneSource};
+pub use sections::{
+    AlphaModeName, BakeSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, ScenePart, SceneSource, VmfTransferSection,
+};
 
-use crate::{ManifestError, version};
+use crate::{ManifestError, Techniques, version};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -60,7 +62,18 @@ pub struct SceneManifest {
 
 impl SceneManifest {
     /// Reads TOML text; `file_name` names it in errors. Every value is checked against its range.
+    ///
+    /// # Errors
+    /// What does not hold, and where.
     pub fn parse(file_name: &str, text: &str) -> Result<SceneManifest, ManifestError> {
+        Self::parse_with(file_name, text, &Techniques::built_in())
+    }
+
+    /// [`SceneManifest::parse`] where more techniques are known than the built-in ones.
+    ///
+    /// # Errors
+    /// As [`SceneManifest::parse`].
+    pub fn parse_with(file_name: &str, text: &str, techniques: &Techniques) -> Result<SceneManifest, ManifestError> {
         let syntax = |error: toml::de::Error| position::syntax_error(file_name, text, &error);
         // The version first: a newer file may have keys that this build does not know.
         #[derive(Deserialize)]
@@ -83,8 +96,12 @@ impl SceneManifest {
                 });
             }
         }
-        let manifest: SceneManifest = toml::from_str(text).map_err(syntax)?;
-        check::check(&manifest, file_name, text)?;
+        let mut manifest: SceneManifest = toml::from_str(text).map_err(syntax)?;
+        check::check(&manifest, file_name, text, techniques)?;
+        // From its old place; the check saw that the two do not disagree.
+        if let Some(bounces) = manifest.bake.bounces.take() {
+            manifest.bake.vmf_transfer.bounces = Some(bounces);
+        }
         Ok(manifest)
     }
 

@@ -25,7 +25,8 @@ pub fn place(file: &str, text: &str, path: &str) -> String {
     }
 }
 
-fn offset_of(text: &str, path: &str) -> Option<usize> {
+/// Where the value at `path` begins, in bytes; `None` when it is not in the text.
+pub fn offset_of(text: &str, path: &str) -> Option<usize> {
     let table = DeTable::parse(text).ok()?;
     let mut steps = path.split('.').flat_map(|step| step.split('[').map(|part| part.trim_end_matches(']')));
     let mut value = table.get_ref().get(steps.next()?)?;
@@ -53,15 +54,20 @@ fn reword(message: &str) -> (String, Option<String>) {
         let Some((found, rest)) = message.strip_prefix(prefix).and_then(|rest| rest.split_once('`')) else { continue };
         // The rest reads: , expected one of `a`, `b`.
         let known: Vec<&str> = rest.split('`').skip(1).step_by(2).collect();
-        let help = match (nearest(found, &known), known.len()) {
-            (_, 0) => "nothing may stand here".to_string(),
-            (Some(near), _) => format!("did you mean `{near}`?"),
-            (None, _) => format!("known here: {}", known.join(", ")),
-        };
-        return (format!("{words} `{found}`"), Some(help));
+        return unknown(words, found, &known);
     }
     // Some of the parser's messages have several lines; an error has one.
     (message.trim().replace('\n', ", "), None)
+}
+
+/// Message and help about a word that is none of the known ones.
+pub fn unknown(words: &str, found: &str, known: &[&str]) -> (String, Option<String>) {
+    let help = match (nearest(found, known), known.len()) {
+        (_, 0) => "nothing may stand here".to_string(),
+        (Some(near), _) => format!("did you mean `{near}`?"),
+        (None, _) => format!("known here: {}", known.join(", ")),
+    };
+    (format!("{words} `{found}`"), Some(help))
 }
 
 /// The known word nearest to `found`, if it is near enough to be a slip: a third of its letters, or one a part of the other.

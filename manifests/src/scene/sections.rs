@@ -93,9 +93,9 @@ pub struct BakeSection {
     /// How transport is represented.
     #[serde(default)]
     pub technique: Technique,
-    /// Surfaces between a point and the environment that indirect light of `vmf_transfer` crosses at most, 1 to 64; 1 unless given.
+    /// The old place of `bounces` in `[bake.vmf_transfer]`; still read. Parsing moves it there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(range(min = 1, max = 64))]
+    #[schemars(range(min = 1, max = 64), extend("deprecated" = true))]
     pub bounces: Option<u32>,
     /// Edges whose end normals differ by more are split, degrees, 1 to 180.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -123,6 +123,25 @@ pub struct BakeSection {
     /// How long the BVH build may take. Changes no bit of the result.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bvh: Option<BvhBuild>,
+    /// Knobs of the technique `vmf_transfer` alone.
+    #[serde(default, skip_serializing_if = "VmfTransferSection::is_default")]
+    pub vmf_transfer: VmfTransferSection,
+}
+
+/// `[bake.vmf_transfer]`: knobs of that technique.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct VmfTransferSection {
+    /// Surfaces between a point and the environment that indirect light crosses at most, 1 to 64; 1 unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 1, max = 64))]
+    pub bounces: Option<u32>,
+}
+
+impl VmfTransferSection {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 impl BakeSection {

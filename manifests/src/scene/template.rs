@@ -60,7 +60,6 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 {edge_length}
 {max_error}
 # technique = "auto"         # or block_product, vmf_transfer: with indirect light
-# bounces = 1                # of vmf_transfer: surfaces between a point and the environment
 {angle}
 {smooth}
 {floor}
@@ -68,6 +67,10 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 {face}
 {shades}
 # bvh = "medium"             # fast | medium | slow to build; changes no bit of the result
+
+# Knobs of vmf_transfer alone.
+# [bake.vmf_transfer]
+# bounces = 1                # surfaces between a point and the environment
 
 # Changes to materials whose names match; a value replaces the glTF factor.
 # [[material]]

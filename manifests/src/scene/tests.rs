@@ -2,7 +2,7 @@ use super::position::{line_column, nearest};
 use super::template::Template;
 use super::*;
 use crate::quality::Shades;
-use crate::{ByteSize, Quality, Technique};
+use crate::{ByteSize, ChunkKind, Quality, Technique, TechniqueInfo, Techniques};
 
 /// A whole manifest around some lines; `format` and `[scene]` take the first three.
 fn with(lines: &str) -> String {
@@ -64,7 +64,7 @@ fn every_key_of_the_design_is_read() {
     assert_eq!((knobs.normal_angle_deg, knobs.area_floor, knobs.face_resolution, knobs.max_error), (20.0, 0.25, 128, 0.02));
     assert_eq!(knobs.points, Quality::High.knobs().points, "what is not set comes from the preset");
     assert_eq!(manifest.bake.edge_length, Some(0.05));
-    assert_eq!(manifest.object[0].technique, Some(Technique::BlockProduct));
+    assert_eq!(manifest.object[0].technique, Some(Technique::BLOCK_PRODUCT));
     assert_eq!((manifest.object[0].visibility, manifest.bake.visibility, knobs.visibility), (Some(Shades::Gray6), None, Shades::Binary));
     assert_eq!(manifest.material[0].emissive, Some([0.0, 1.0, 2.5]));
     assert_eq!(manifest.limits.memory, Some(ByteSize(12 << 30)));
@@ -79,6 +79,9 @@ fn unknown_keys_name_the_nearest_known_one_and_their_place() {
         ("[bake]\nangle = 3", "scene.toml:5:1", "unknown key `angle`", "did you mean `normal_angle_deg`?"),
         ("[bake]\nzzz = 3", "scene.toml:5:1", "unknown key `zzz`", "known here: quality, edge_length"),
         ("[[enviroment]]\nname = \"a\"", "scene.toml:4:3", "unknown key `enviroment`", "did you mean `environment`?"),
+        ("[bake]\ntechnique = \"vmf_tranfer\"", "scene.toml:5:13", "unknown name `vmf_tranfer`", "did you mean `vmf_transfer`?"),
+        ("[[object]]\nmatch = \"a\"\ntechnique = \"haar\"", "scene.toml:6:13", "unknown name `haar`", "known here: auto, block_product"),
+        ("[bake.vmf_transfer]\nbounce = 2", "scene.toml:5:1", "unknown key `bounce`", "did you mean `bounces`?"),
         ("[bake]\nquality = \"mediun\"", "scene.toml:5:11", "unknown name `mediun`", "did you mean `medium`?"),
         ("[[object]]\nmatch = \"a\"\nvisibility = \"grey6\"", "scene.toml:6:14", "unknown name `grey6`", "did you mean `gray6`?"),
         ("[[material]]\nmatch = \"a\"\nbrdf = { wart = { } }", "scene.toml:6:10", "unknown name `wart`", "did you mean `ward`?"),
@@ -105,6 +108,8 @@ fn values_out_of_range_name_field_place_and_what_may_stand_there() {
         ("[bake]\nsmooth_angle_deg = -1", "bake.smooth_angle_deg = -1"),
         ("[[object]]\nmatch = \"a\"\nsmooth_angle_deg = 181", "object[0].smooth_angle_deg = 181"),
         ("[bake]\narea_floor = 0", "bake.area_floor = 0"),
+        ("[bake]\nbounces = 0", "bake.bounces = 0"),
+        ("[bake.vmf_transfer]\nbounces = 65", "bake.vmf_transfer.bounces = 65"),
         ("[bake]\nface_resolution = 100", "bake.face_resolution = 100"),
         ("[limits]\nmemory = 17", "limits.memory = 17 B"),
         ("[[object]]\nmatch = \"\"", "object[0].match = \"\""),
@@ -135,6 +140,7 @@ fn values_out_of_range_name_field_place_and_what_may_stand_there() {
 fn what_this_build_cannot_do_is_named_with_a_way_out() {
     let cases = [
         ("format = 1\n[scene]\n".to_string(), "[scene] names no file"),
+        (with("[bake]\nbounces = 2\n[bake.vmf_transfer]\nbounces = 3"), "`bounces` is 2 in [bake] and 3 in [bake.vmf_transfer]"),
         ("format = 1\n[scene]\nvariant = \"b\"\n".to_string(), "a variant of parts"),
         ("format = 1\n[scene]\ngltf = \"a\"\n[[scene.part]]\ngltf = \"b\"\nname = \"c\"\n".to_string(), "both `gltf` and `part`"),
     ];
@@ -220,6 +226,25 @@ fn canonical_form_depends_on_values_only() {
 }
 
 #[test]
+fn bounces_are_read_at_their_old_place_too() {
+    let places = ["[bake]\nbounces = 3", "[bake.vmf_transfer]\nbounces = 3", "[bake]\nbounces = 3\n[bake.vmf_transfer]\nbounces = 3"];
+    let read = places.map(|lines| SceneManifest::parse("scene.toml", &with(lines)).unwrap());
+    assert_eq!(read[0].bake.vmf_transfer.bounces, Some(3));
+    assert!(read.iter().all(|manifest| *manifest == read[0] && manifest.canonical() == read[0].canonical()));
+}
+
+const CONSTANT: TechniqueInfo =
+    TechniqueInfo { name: "constant", factors: &[ChunkKind::custom("toy:constant")], summary: "One light.", paper: "" };
+
+#[test]
+fn a_technique_from_outside_is_known_where_it_was_added() {
+    let text = with("[bake]\ntechnique = \"constant\"");
+    let manifest = SceneManifest::parse_with("scene.toml", &text, &Techniques::built_in().with(CONSTANT)).unwrap();
+    assert_eq!(manifest.bake.technique, Technique::named("constant"));
+    assert!(refused(&text).contains("unknown name `constant`"));
+}
+
+#[test]
 fn a_bare_gltf_means_the_empty_manifest_for_it() {
     assert_eq!(SceneManifest::for_gltf("a.glb"), SceneManifest::parse("scene.toml", &with("")).unwrap());
 }
@@ -254,7 +279,7 @@ fn the_template_parses_as_it_is_and_with_its_comments_taken_off() {
         let all = SceneManifest::parse("scene.toml", &uncommented.join("\n")).unwrap_or_else(|error| panic!("{error}\n{text}"));
         assert_eq!((all.environment.len(), all.material.len(), all.object.len()), (1, 1, 1));
         assert_eq!(all.bake.knobs(), plain.bake.knobs(), "comments must show the defaults");
-        assert!(all.limits.memory.is_some());
+        assert!(all.limits.memory.is_some() && all.bake.vmf_transfer.bounces == Some(1));
     }
 }
 
@@ -262,7 +287,7 @@ fn the_template_parses_as_it_is_and_with_its_comments_taken_off() {
 fn uncomment(line: &str) -> Option<&str> {
     let rest = line.strip_prefix("# ")?;
     let key = rest.split(" = ").next().filter(|key| *key != rest && key.bytes().all(|b| b.is_ascii_lowercase() || b == b'_'));
-    (key.is_some() || rest.starts_with("[[")).then_some(rest)
+    (key.is_some() || rest.starts_with('[')).then_some(rest)
 }
 
 #[test]
@@ -285,9 +310,14 @@ fn schema_knows_every_key_and_forbids_others() {
         "face_resolution",
         "visibility",
         "bvh",
+        "vmf_transfer",
     ] {
         assert!(bake[key].is_object(), "{key}");
     }
+    assert!(schema["$defs"]["VmfTransferSection"]["properties"]["bounces"]["description"].is_string());
+    let techniques = schema["$defs"]["Technique"]["oneOf"].as_array().unwrap();
+    let names: Vec<&str> = techniques.iter().map(|one| one["const"].as_str().unwrap()).collect();
+    assert_eq!(names, ["auto", "block_product", "vmf_transfer"]);
     assert!(schema["$defs"]["MaterialRule"]["properties"]["match"].is_object());
     assert!(schema["$defs"]["ObjectRule"]["properties"]["visibility"].is_object());
     assert_eq!(schema.to_string(), super::schema().to_string());

@@ -9,8 +9,12 @@ pub mod open;
 #[cfg(feature = "fs")]
 pub mod open_file;
 pub mod open_pack;
+mod options;
 pub mod points;
+mod proof;
 pub mod surface;
 
 pub use open::{Asset, AssetObject, AssetPatch};
 pub use open_pack::Aligned;
+pub use options::OpenOptions;
+pub use proof::{PatchFacts, Proof};

@@ -5,16 +5,17 @@
 
 use super::base::{self, BasePrimitive};
 use super::mesh::Mesh;
+use super::options::OpenOptions;
 use super::points::Points;
+use super::proof::PatchFacts;
 use super::surface::PointSurfaces;
 use crate::block_product::visibility::Visibility;
 use crate::brdf::Measured;
 use crate::draw::camera::SceneCamera;
 use crate::error::RuntimeError;
-use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use crate::surface::{Material, Model, Texture};
 use crate::vmf_transfer::Transfer;
-use prelight_manifests::{AssetManifest, Descriptor, Digest};
+use prelight_manifests::{AssetManifest, ChunkKind, Descriptor, Digest};
 use prelight_store::{Chunk, ChunkSource};
 use std::ops::Range;
 
@@ -56,8 +57,8 @@ pub struct AssetPatch {
     pub points: Range<usize>,
     points_chunk: Chunk,
     surfaces_chunk: Chunk,
-    visibility_chunk: Chunk,
-    transfer_chunk: Option<Chunk>,
+    /// In the order of the manifest.
+    factors: Vec<(ChunkKind, Chunk)>,
 }
 
 impl Asset {
@@ -66,7 +67,13 @@ impl Asset {
     /// # Errors
     /// A digest of the manifest that is not that of its content; a chunk that is missing, corrupt or does not parse; counts that disagree.
     pub fn open(manifest: AssetManifest, source: &dyn ChunkSource) -> Result<Self, RuntimeError> {
-        let digest = Digest(*blake3::hash(&manifest.content.canonical()).as_bytes());
+        OpenOptions::default().open(manifest, source)
+    }
+
+    pub(super) fn open_with(manifest: AssetManifest, source: &dyn ChunkSource, options: &OpenOptions) -> Result<Self, RuntimeError> {
+        // Who made it need not have parsed it.
+        manifest.check(&format!("asset {}", manifest.asset_digest.short()), options.techniques())?;
+        let digest = Digest(*blake3::hash(&manifest.canonical()).as_bytes());
         if digest != manifest.asset_digest {
             let what = format!("its content hashes to {}, the file was edited", digest.short());
             return Err(RuntimeError::Chunk { kind: "asset", digest: manifest.asset_digest.short(), what });
@@ -96,11 +103,8 @@ impl Asset {
             let (name, world_from_local, edge_length) = (object.name.clone(), object.world_from_local, object.edge_length);
             objects.push(AssetObject { name, points, patches, world_from_local, edge_length, base, mesh });
         }
-        // Only transfer is laid out on its directions.
-        let solid = wanted.iter().any(|(patch, _)| patch.transfer.is_some()).then(|| Icosahedron::new(MAX_LEVEL));
-        let open = |(patch, points): &(&prelight_manifests::asset::AssetPatch, Range<usize>)| {
-            AssetPatch::open(patch, points.clone(), content.face_resolution as usize, materials.len(), source, solid.as_ref())
-        };
+        let opening = Opening { options, source, face_resolution: content.face_resolution as usize, n_materials: materials.len() };
+        let open = |(patch, points): &(&prelight_manifests::asset::AssetPatch, Range<usize>)| opening.patch(patch, points.clone());
         #[cfg(feature = "parallel")]
         {
             use rayon::prelude::*;
@@ -156,9 +160,8 @@ impl Asset {
 
     /// Bytes that the chunks take in memory, mapped or not.
     pub fn resident_bytes(&self) -> u64 {
-        let patches = (self.patches.iter()).flat_map(|patch| {
-            [&patch.points_chunk, &patch.surfaces_chunk, &patch.visibility_chunk].into_iter().chain(&patch.transfer_chunk)
-        });
+        let patches = (self.patches.iter())
+            .flat_map(|patch| [&patch.points_chunk, &patch.surfaces_chunk].into_iter().chain(patch.factors.iter().map(|(_, chunk)| chunk)));
         let chunks = self.objects.iter().map(|object| &object.mesh).chain(&self.textures).chain(patches);
         chunks.map(|chunk| chunk.len() as u64).sum()
     }
@@ -189,18 +192,18 @@ impl Asset {
 /// Why parsing again cannot fail.
 const PROVEN: &str = "parsed when the asset was opened, and chunks never change";
 
-impl AssetPatch {
-    fn open(
-        patch: &prelight_manifests::asset::AssetPatch,
-        points: Range<usize>,
-        face_resolution: usize,
-        n_materials: usize,
-        source: &dyn ChunkSource,
-        solid: Option<&Icosahedron>,
-    ) -> Result<Self, RuntimeError> {
-        let points_chunk = source.chunk(&patch.points)?;
-        let surfaces_chunk = source.chunk(&patch.surface)?;
-        let visibility_chunk = source.chunk(&patch.visibility)?;
+/// What opening a patch reads beside the patch.
+struct Opening<'a> {
+    options: &'a OpenOptions,
+    source: &'a dyn ChunkSource,
+    face_resolution: usize,
+    n_materials: usize,
+}
+
+impl Opening<'_> {
+    fn patch(&self, patch: &prelight_manifests::asset::AssetPatch, points: Range<usize>) -> Result<AssetPatch, RuntimeError> {
+        let points_chunk = self.source.chunk(&patch.points)?;
+        let surfaces_chunk = self.source.chunk(&patch.surface)?;
         let n = points.len();
         let disagrees = |kind, descriptor: &Descriptor, what: &str| {
             Err(RuntimeError::Chunk { kind, digest: descriptor.digest.short(), what: what.to_string() })
@@ -209,22 +212,25 @@ impl AssetPatch {
             return disagrees("points", &patch.points, "holds another number of points than the manifest says");
         }
         let surfaces = PointSurfaces::from_chunk(&surfaces_chunk).map_err(|error| named(error, &patch.surface))?;
-        if surfaces.roughness.len() != n || surfaces.material.iter().any(|material| *material as usize >= n_materials) {
+        if surfaces.roughness.len() != n || surfaces.material.iter().any(|material| *material as usize >= self.n_materials) {
             return disagrees("surface", &patch.surface, "holds another number of points, or a material that is not there");
         }
-        let visibility = Visibility::from_chunk(&visibility_chunk).map_err(|error| named(error, &patch.visibility))?;
-        if visibility.len() != n || visibility.face_resolution() != face_resolution {
-            return disagrees("visibility", &patch.visibility, "holds another number of points or of texels than the manifest says");
-        }
-        let transfer_chunk = patch.transfer.as_ref().map(|transfer| source.chunk(transfer)).transpose()?;
-        if let (Some(chunk), Some(descriptor), Some(solid)) = (&transfer_chunk, &patch.transfer, solid)
-            && Transfer::from_chunk(chunk, solid).map_err(|error| named(error, descriptor))?.len() != n
-        {
-            return disagrees("transfer", descriptor, "holds another number of points than the manifest says");
-        }
-        Ok(AssetPatch { points, points_chunk, surfaces_chunk, visibility_chunk, transfer_chunk })
+        let factors = patch.factors.iter().map(|factor| self.factor(factor, n)).collect::<Result<_, _>>()?;
+        Ok(AssetPatch { points, points_chunk, surfaces_chunk, factors })
     }
 
+    fn factor(&self, factor: &Descriptor, n_points: usize) -> Result<(ChunkKind, Chunk), RuntimeError> {
+        let Some(proof) = self.options.proof_of(factor.kind) else {
+            let what = format!("nothing was said to prove chunks of kind {}", factor.kind);
+            return Err(RuntimeError::Chunk { kind: "factor", digest: factor.digest.short(), what });
+        };
+        let chunk = self.source.chunk(factor)?;
+        proof(&chunk, PatchFacts { n_points, face_resolution: self.face_resolution }).map_err(|error| named(error, factor))?;
+        Ok((factor.kind, chunk))
+    }
+}
+
+impl AssetPatch {
     /// Where its points are.
     pub fn points(&self) -> Points<'_> {
         Points::from_chunk(&self.points_chunk).expect(PROVEN)
@@ -235,14 +241,27 @@ impl AssetPatch {
         PointSurfaces::from_chunk(&self.surfaces_chunk).expect(PROVEN)
     }
 
+    /// The proved chunk of a factor, where the object's technique has one of that kind.
+    pub fn factor(&self, kind: ChunkKind) -> Option<&[u8]> {
+        self.factors.iter().find(|(known, _)| *known == kind).map(|(_, chunk)| &chunk[..])
+    }
+
+    /// Kinds of its factors, in the order of the manifest.
+    pub fn kinds(&self) -> impl Iterator<Item = ChunkKind> {
+        self.factors.iter().map(|(kind, _)| *kind)
+    }
+
     /// What reaches its points over other surfaces, where that was baked.
     pub fn transfer(&self) -> Option<Transfer<'_>> {
-        self.transfer_chunk.as_ref().map(|chunk| Transfer::from_proven_chunk(chunk))
+        self.factor(ChunkKind::Transfer).map(Transfer::from_proven_chunk)
     }
 
     /// What its points see.
+    ///
+    /// # Panics
+    /// When the object's technique, one from outside, has no visibility.
     pub fn visibility(&self) -> Visibility<'_> {
-        Visibility::from_proven_chunk(&self.visibility_chunk)
+        Visibility::from_proven_chunk(self.factor(ChunkKind::Visibility).expect("every built-in technique has visibility"))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Opening an asset from disk, whichever way it lies there: `room.prelight`, or `room.prelight.json` beside its store.
 
-use super::Asset;
+use super::{Asset, OpenOptions};
 use crate::error::RuntimeError;
 use prelight_manifests::AssetManifest;
 use prelight_store::{MemorySource, Store};
@@ -19,12 +19,35 @@ impl Asset {
     /// # Errors
     /// As [`Asset::open`]; what the system says.
     pub fn open_file(path: &Path, store: Option<&Path>) -> Result<Self, RuntimeError> {
+        OpenOptions::default().open_file(path, store)
+    }
+}
+
+impl OpenOptions {
+    /// [`Asset::open_file`] with these options.
+    ///
+    /// # Errors
+    /// As [`Asset::open_file`].
+    pub fn open_file(&self, path: &Path, store: Option<&Path>) -> Result<Asset, RuntimeError> {
         if is_pack(path)? {
-            return Self::open_source(&path.display().to_string(), &MemorySource::open_pack(path)?);
+            return self.open_source(&path.display().to_string(), &MemorySource::open_pack(path)?);
         }
-        let manifest = read_manifest(path)?;
+        let manifest = self.read_manifest(path)?;
         let store = store.map(Path::to_path_buf).unwrap_or_else(|| store_of(path, &manifest));
-        Asset::open(manifest, &Store::open(store)?)
+        self.open(manifest, &Store::open(store)?)
+    }
+
+    fn read_manifest(&self, path: &Path) -> Result<AssetManifest, RuntimeError> {
+        let mut bytes = Vec::new();
+        let file = std::fs::File::open(path).map_err(io(path))?;
+        file.take(MAX_MANIFEST + 1).read_to_end(&mut bytes).map_err(io(path))?;
+        if bytes.len() as u64 > MAX_MANIFEST {
+            let (what, needed) = (format!("the manifest {}", path.display()), bytes.len() as u64);
+            return Err(RuntimeError::Memory { what, needed, limit: MAX_MANIFEST });
+        }
+        let text = String::from_utf8(bytes)
+            .map_err(|_| io(path)(std::io::Error::new(std::io::ErrorKind::InvalidData, "not an asset: not UTF-8 text")))?;
+        Ok(AssetManifest::parse_with(&path.display().to_string(), &text, self.techniques())?)
     }
 }
 
@@ -39,19 +62,6 @@ pub fn is_pack(path: &Path) -> Result<bool, RuntimeError> {
     let file = std::fs::File::open(path).map_err(io(path))?;
     file.take(PACK_MAGIC.len() as u64).read_to_end(&mut magic).map_err(io(path))?;
     Ok(magic == PACK_MAGIC)
-}
-
-fn read_manifest(path: &Path) -> Result<AssetManifest, RuntimeError> {
-    let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(io(path))?;
-    file.take(MAX_MANIFEST + 1).read_to_end(&mut bytes).map_err(io(path))?;
-    if bytes.len() as u64 > MAX_MANIFEST {
-        let (what, needed) = (format!("the manifest {}", path.display()), bytes.len() as u64);
-        return Err(RuntimeError::Memory { what, needed, limit: MAX_MANIFEST });
-    }
-    let text = String::from_utf8(bytes)
-        .map_err(|_| io(path)(std::io::Error::new(std::io::ErrorKind::InvalidData, "not an asset: not UTF-8 text")))?;
-    Ok(AssetManifest::parse(&path.display().to_string(), &text)?)
 }
 
 /// The store that a manifest names, which is relative to the manifest's folder; `.prelight` beside it when it names none.

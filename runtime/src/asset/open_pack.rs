@@ -8,7 +8,7 @@
 //! The arrays that shading reads are used where they lie: nothing of them is copied, neither from the program's bytes nor from a mapped
 //! file. Each chunk is verified against its digest when the asset is opened.
 
-use super::Asset;
+use super::{Asset, OpenOptions};
 use crate::error::RuntimeError;
 use prelight_manifests::AssetManifest;
 use prelight_store::MemorySource;
@@ -23,9 +23,7 @@ impl Asset {
     /// # Errors
     /// As [`Asset::open`]; bytes that are no packed asset.
     pub fn open_static(name: &str, bytes: &'static [u8]) -> Result<Self, RuntimeError> {
-        let mut source = MemorySource::new();
-        source.add_static_pack(name, bytes)?;
-        Self::open_source(name, &source)
+        OpenOptions::default().open_static(name, bytes)
     }
 
     /// Opens a packed asset that came over a network or out of an archive; it is copied once, into aligned memory.
@@ -33,17 +31,37 @@ impl Asset {
     /// # Errors
     /// As [`Asset::open_static`].
     pub fn open_bytes(name: &str, bytes: &[u8]) -> Result<Self, RuntimeError> {
+        OpenOptions::default().open_bytes(name, bytes)
+    }
+}
+
+impl OpenOptions {
+    /// [`Asset::open_static`] with these options.
+    ///
+    /// # Errors
+    /// As [`Asset::open_static`].
+    pub fn open_static(&self, name: &str, bytes: &'static [u8]) -> Result<Asset, RuntimeError> {
         let mut source = MemorySource::new();
-        source.add_pack(name, bytes)?;
-        Self::open_source(name, &source)
+        source.add_static_pack(name, bytes)?;
+        self.open_source(name, &source)
     }
 
-    pub(super) fn open_source(name: &str, source: &MemorySource) -> Result<Self, RuntimeError> {
+    /// [`Asset::open_bytes`] with these options.
+    ///
+    /// # Errors
+    /// As [`Asset::open_static`].
+    pub fn open_bytes(&self, name: &str, bytes: &[u8]) -> Result<Asset, RuntimeError> {
+        let mut source = MemorySource::new();
+        source.add_pack(name, bytes)?;
+        self.open_source(name, &source)
+    }
+
+    pub(super) fn open_source(&self, name: &str, source: &MemorySource) -> Result<Asset, RuntimeError> {
         let manifest = source.manifest()?;
         let text = std::str::from_utf8(&manifest).map_err(|_| prelight_store::StoreError::Pack {
             name: name.to_string(),
             what: "its first chunk is not the manifest of an asset".to_string(),
         })?;
-        Asset::open(AssetManifest::parse(name, text)?, source)
+        self.open(AssetManifest::parse_with(name, text, self.techniques())?, source)
     }
 }

@@ -1,7 +1,7 @@
 //! A store of every format version is kept in `tests/compat` and read for ever.
 //!
-//! `PRELIGHT_WRITE_COMPAT=DIR cargo test -p prelight-tests --test compat` writes one of the present version into DIR. A format change adds a
-//! folder; none is ever edited.
+//! `PRELIGHT_WRITE_COMPAT=DIR cargo test -p prelight-tests --test compat store` writes one of the present version into DIR. A format change
+//! adds a folder; none is ever edited.
 
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use prelight_store::{CheckOptions, ChunkSource, MemorySource, Record, Store, digest_of};
@@ -124,12 +124,4 @@ fn copy(from: &Path, to: &Path) {
             std::fs::copy(&path, target).unwrap();
         }
     }
-}
-
-/// The example's asset is a file of the repository: where the asset format moves on, it is made anew, as the example's head says.
-#[test]
-fn the_asset_of_the_embedding_example_opens() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../runtime/examples/box.prelight");
-    let asset = prelight_runtime::asset::Asset::open_file(&path, None).unwrap();
-    assert_eq!((asset.objects.len(), asset.n_points()), (2, 71));
 }
