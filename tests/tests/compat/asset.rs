@@ -7,10 +7,9 @@
 //! format change adds a folder; none is ever edited.
 
 use prelight_bake::bake::BakeOptions;
-use prelight_bake::refine::angular::ViewOptions;
-use prelight_bake::refine::mesh::MeshOptions;
-use prelight_bake::scene::{Primitive, Scene};
-use prelight_bake::seal::seal;
+use prelight_bake::vmf_transfer::VmfTransfer;
+use prelight_bake::vmf_transfer::angular::ViewOptions;
+use prelight_bake::vmf_transfer::edges::MeshOptions;
 use prelight_bake::vmf_transfer::transfer::TransferOptions;
 use prelight_manifests::quality::Shades;
 use prelight_manifests::{ChunkKind, version};
@@ -20,11 +19,13 @@ use prelight_runtime::draw::camera::{Camera, SceneCamera};
 use prelight_runtime::environment::{Environment, LightCubemap};
 use prelight_runtime::relight::Relighter;
 use prelight_runtime::surface::{Material, Model, Texture, TextureEncoding, TextureRef, Wrap};
+use prelight_scene::{Primitive, Scene};
 use prelight_store::{AssetPackWriter, ChunkSource, FormChoice, Store};
 use prelight_tests::{bake_into, options, quad, scene, sphere};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Largest difference of a pixel from the kept picture, relative to the brightest one. Instruction sets sum in other orders (1e-6); a step
 /// of an 8-bit display is 4e-3, and a chunk that is read wrongly shows by far more.
@@ -77,7 +78,7 @@ fn every_kind() -> (Scene, BakeOptions) {
     options.points[3].edge_length = 0.3;
     options.points[3].coarser = true;
     options.visibility = vec![Shades::Binary, Shades::Binary, Shades::Gray6];
-    options.transfer = vec![None, Some(few_lobes())];
+    options.techniques = vec![Arc::new(VmfTransfer { objects: vec![None, Some(few_lobes())], bounces: 1 })];
     (scene, options)
 }
 
@@ -98,7 +99,7 @@ fn write(dir: &Path) {
     let folder = tempfile::tempdir().unwrap();
     let baked = bake_into(&scene, &options, folder.path());
     let store = Store::open(folder.path()).unwrap();
-    let manifest = seal(&baked, [("scene".to_string(), json!("tests/tests/compat/asset.rs"))].into(), &store).unwrap();
+    let manifest = baked.seal([("scene".to_string(), json!("tests/tests/compat/asset.rs"))].into(), &store).unwrap();
     let path = dir.join("every-kind.prelight");
     let mut writer = AssetPackWriter::create(&path, manifest.to_text().as_bytes()).unwrap();
     for descriptor in manifest.content.descriptors() {
