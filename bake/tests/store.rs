@@ -256,10 +256,10 @@ fn a_gc_killed_at_any_step_loses_nothing_and_the_next_one_ends_it() {
         entries.iter().any(|entry| manifest.contains(&entry.digest.to_string()))
     };
     let pack = files(folder).into_iter().find(|path| path.extension().is_some_and(|end| end == "pack") && is_live(path)).unwrap();
-    let stopped = folder.join(".prelight/trash/stopped/packs");
+    let stopped = folder.join(".prelight/trash/570bbed0570bbed0570bbed0570bbed0/packs");
     std::fs::create_dir_all(&stopped).unwrap();
     std::fs::rename(&pack, stopped.join(pack.file_name().unwrap())).unwrap();
-    let dead = folder.join(".prelight/tmp/dead");
+    let dead = folder.join(".prelight/tmp/deaddeaddeaddeaddeaddeaddeaddead");
     std::fs::create_dir(&dead).unwrap();
     let past = std::time::SystemTime::now() - std::time::Duration::from_secs(7200);
     for path in [&dead, stopped.parent().unwrap()] {

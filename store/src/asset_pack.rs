@@ -10,13 +10,13 @@ use crate::map::Map;
 use crate::put::PackFileWriter;
 use crate::{FormChoice, MemorySource, StoreError, digest_of, os};
 use prelight_manifests::Digest;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 /// Writes a pack file chunk by chunk: under a temporary name beside `path`, which it gets when it is whole and durable.
 pub struct AssetPackWriter {
-    path: PathBuf,
-    temp: PathBuf,
+    path: os::RootedPath,
+    temp: os::RootedPath,
     pack: Option<PackFileWriter>,
     known: std::collections::BTreeSet<Digest>,
 }
@@ -27,9 +27,10 @@ impl AssetPackWriter {
     /// # Errors
     /// What the system says.
     pub fn create(path: &Path, manifest: &[u8]) -> Result<Self, StoreError> {
-        let temp = path.with_file_name(format!(".{}.part", os::unique_name()));
+        let path = os::RootedPath::given(path);
+        let temp = path.sibling(&format!(".{}.part", os::unique_name()));
         let pack = Some(PackFileWriter::create(temp.clone())?);
-        let mut writer = AssetPackWriter { path: path.to_path_buf(), temp, pack, known: Default::default() };
+        let mut writer = AssetPackWriter { path, temp, pack, known: Default::default() };
         writer.add(manifest, FormChoice::Raw)?;
         Ok(writer)
     }
@@ -57,9 +58,7 @@ impl AssetPackWriter {
         drop((pack, entries));
         os::sync_path(&self.temp)?;
         os::rename(&self.temp, &self.path)?;
-        if let Some(folder) = self.path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            let _ = os::sync_path(folder); // may be none of ours
-        }
+        let _ = os::sync_path(&os::RootedPath::root(self.path.root_path())); // may be none of ours
         Ok(bytes)
     }
 }
@@ -86,7 +85,8 @@ impl MemorySource {
         let name = path.display().to_string();
         let mut source = MemorySource::new();
         let pack_error = |what: &str| StoreError::Pack { name: name.clone(), what: what.to_string() };
-        let Some((file, bytes)) = os::open_sized(path)? else {
+        let place = os::RootedPath::given(path);
+        let Some((mut file, bytes)) = os::open_given(&place)? else {
             return Err(StoreError::NoPack { path: path.to_path_buf() });
         };
         if bytes == 0 {
@@ -98,7 +98,8 @@ impl MemorySource {
             source.add_shared_pack(&name, Arc::new(map))?;
             return Ok(source);
         }
-        let whole: AlignedBytes = os::read_aligned(path, 0, bytes)?.ok_or_else(|| pack_error("it was cut while it was read"))?;
+        let whole: AlignedBytes =
+            os::read_aligned_from(&mut file, path, bytes, 0..bytes)?.ok_or_else(|| pack_error("it was cut while it was read"))?;
         source.add_shared_pack(&name, Arc::new(whole))?;
         Ok(source)
     }

@@ -4,7 +4,8 @@
 //! down: `bad/<digest>-<offset>-<pack>.txt`, four lines, so that this place is passed over from then on even when another pack has the chunk.
 //! Only when a file of the same name is published again do its records get the ending `.mended.txt`.
 
-use crate::{StoreError, os};
+use crate::os::RootedPath;
+use crate::{StoreError, names, os};
 use prelight_manifests::Digest;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -49,12 +50,12 @@ pub(crate) struct BadList(BTreeMap<Digest, Vec<BadChunk>>);
 
 impl BadList {
     /// Reads the records of a store; those that do not parse are named in `problems`.
-    pub fn read(dir: &Path, problems: &mut Vec<String>) -> Result<Self, StoreError> {
+    pub fn read(dir: &RootedPath, problems: &mut Vec<String>) -> Result<Self, StoreError> {
         let mut list = BadList::default();
         let folder = dir.join("bad");
-        for name in os::list(&folder)? {
+        for name in os::list_if_dir(&folder)? {
             let name = name.to_string_lossy();
-            if !name.ends_with(".txt") || name.ends_with(".mended.txt") {
+            if !names::is_bad_record(&name) {
                 continue;
             }
             let text = os::read_small(&folder.join(&*name), MAX_RECORD).ok().flatten().unwrap_or_default();
@@ -82,7 +83,7 @@ impl BadList {
     }
 
     /// Writes a finding down. Best effort on disk (the store may be read-only); in this process it counts at once.
-    pub fn insert(&mut self, dir: &Path, bad: BadChunk) {
+    pub fn insert(&mut self, dir: &RootedPath, bad: BadChunk) {
         if self.names(&bad.digest, &bad.file, bad.offset) {
             return;
         }
@@ -97,11 +98,12 @@ impl BadList {
     }
 
     /// The file was published anew with this chunk in it: what was found in its predecessor stays as evidence under another name.
-    pub fn mend(&mut self, dir: &Path, digest: &Digest, file: &str) {
+    pub fn mend(&mut self, dir: &RootedPath, digest: &Digest, file: &str) {
         let Some(list) = self.0.get_mut(digest) else { return };
         for bad in list.extract_if(.., |bad| bad.file == file) {
             let path = dir.join("bad").join(bad.record_name());
-            let _ = os::rename(&path, &path.with_extension("mended.txt"));
+            let mended = bad.record_name().replace(".txt", ".mended.txt");
+            let _ = os::rename(&path, &path.sibling(&mended));
         }
         if list.is_empty() {
             self.0.remove(digest);
@@ -125,19 +127,20 @@ mod tests {
 
     #[test]
     fn findings_round_trip_and_mended_ones_are_not_read_again() {
-        let dir = tempfile::tempdir().unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let dir = RootedPath::root(temporary.path());
         let digest = Digest([3; 32]);
         let bad = BadChunk { digest, file: "packs/0123.pack".into(), offset: 192, what: "one bit".into() };
-        BadList::default().insert(dir.path(), bad.clone());
+        BadList::default().insert(&dir, bad.clone());
         let mut problems = Vec::new();
-        let mut list = BadList::read(dir.path(), &mut problems).unwrap();
+        let mut list = BadList::read(&dir, &mut problems).unwrap();
         assert!(list.names(&digest, "packs/0123.pack", 192) && !list.names(&digest, "packs/0123.pack", 64));
         assert_eq!(list.get(&digest), Some(&bad));
-        list.mend(dir.path(), &digest, "packs/other.pack");
+        list.mend(&dir, &digest, "packs/other.pack");
         assert!(list.get(&digest).is_some());
-        list.mend(dir.path(), &digest, &bad.file);
-        let list = BadList::read(dir.path(), &mut problems).unwrap();
+        list.mend(&dir, &digest, &bad.file);
+        let list = BadList::read(&dir, &mut problems).unwrap();
         assert_eq!((list.digests().count(), problems.len()), (0, 0));
-        assert_eq!(os::list(&dir.path().join("bad")).unwrap().len(), 1, "the evidence stays");
+        assert_eq!(os::list(&dir.join("bad")).unwrap().len(), 1, "the evidence stays");
     }
 }

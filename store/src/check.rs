@@ -16,7 +16,7 @@ use crate::form::{decode_zstd, verify_raw};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::pack::{self, PACK_LINE_BYTES, PackEntry, PackFoot};
 use crate::store::Inner;
-use crate::{Form, Root, Store, StoreError, digest_of, ledger, os, reach};
+use crate::{Form, Root, Store, StoreError, digest_of, foreign, ledger, names, os, reach};
 use prelight_manifests::Digest;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -70,6 +70,8 @@ pub struct CheckReport {
     pub bytes: u64,
     /// What does not hold, in the order of the files' names.
     pub findings: Vec<Finding>,
+    /// Of the findings, those that are no files: links, pipes, folders where files belong. They are found anew by every check.
+    pub foreign: u64,
     /// An earlier check was gone on with.
     pub resumed: bool,
     /// All files were seen; else it was stopped and the next check goes on.
@@ -97,12 +99,14 @@ impl Store {
     pub fn check(&self, options: &CheckOptions, go_on: &(dyn Fn(u64) -> bool + Sync)) -> Result<CheckReport, StoreError> {
         self.refresh()?;
         let files = self.files_to_check()?;
-        let state_path = self.dir().join(STATE);
+        let state_path = self.folder().join(STATE);
         let head = format!("prelight verify 1\nsample {} {}\n", options.sample, options.seed);
         let mut report = CheckReport::default();
         let mut first = 0;
+        let state = os::if_ours(os::read_small(&state_path, MAX_STATE))?;
+        let may_note = state.is_some(); // else something else has that name
         if options.resume
-            && let Some((done, so_far)) = read_state(&os::read_small(&state_path, MAX_STATE)?.unwrap_or_default(), &head)
+            && let Some((done, so_far)) = read_state(&state.flatten().unwrap_or_default(), &head)
         {
             first = files.partition_point(|file| order(file) <= order(&done));
             report = CheckReport { resumed: true, ..so_far };
@@ -137,7 +141,7 @@ impl Store {
             // Of a batch that was stopped only the files before the first gap count; the others are read again.
             let whole = done.iter().zip(0..).take_while(|((i, _), n)| i == n).count();
             done.into_iter().take(whole).for_each(|(_, part)| report.add(part));
-            if let Some(last) = whole.checked_sub(1) {
+            if let Some(last) = whole.checked_sub(1).filter(|_| may_note) {
                 self.write_state(&head, &batch[last], &report);
             }
             if stop.load(Ordering::Relaxed) {
@@ -145,26 +149,27 @@ impl Store {
             }
         }
         os::remove_temp_file(&state_path);
+        for (file, what) in foreign::find(self.folder())? {
+            report.find(&file, 0, None, format!("it is {what}, which no store has in that place; it was neither followed nor changed"));
+            report.foreign += 1;
+        }
         report.finished = true;
         Ok(report)
     }
 
     /// All files, in the order of the check.
     fn files_to_check(&self) -> Result<Vec<String>, StoreError> {
-        let dir = self.dir();
+        let dir = self.folder();
         let mut files = Vec::new();
         for folder in ["roots", "ledger", "packs"] {
-            files.extend(os::list(&dir.join(folder))?.iter().map(|name| format!("{folder}/{}", name.to_string_lossy())));
+            files.extend(os::list_if_dir(&dir.join(folder))?.iter().map(|name| format!("{folder}/{}", name.to_string_lossy())));
         }
-        for fan in os::list(&dir.join("objects"))? {
+        for fan in os::if_ours(os::list_folders(&dir.join("objects")))?.unwrap_or_default() {
             let fan = fan.to_string_lossy();
-            let folder = dir.join("objects").join(&*fan);
-            if os::metadata(&folder)?.is_some_and(|metadata| metadata.is_dir()) {
-                files.extend(os::list(&folder)?.iter().map(|name| format!("objects/{fan}/{}", name.to_string_lossy())));
-            } else {
-                files.push(format!("objects/{fan}"));
-            }
+            let below = os::list_if_dir(&dir.join("objects").join(&*fan))?;
+            files.extend(below.iter().map(|name| format!("objects/{fan}/{}", name.to_string_lossy())));
         }
+        files.retain(|file| names::is_final(file));
         files.sort_by(|a, b| order(a).cmp(&order(b)));
         Ok(files)
     }
@@ -178,8 +183,8 @@ impl Store {
             text += &format!("finding {}\t{}\t{digest}\t{what}\n", finding.file.replace(['\n', '\t'], "?"), finding.offset);
         }
         text += &format!("check {}\n", digest_of(text.as_bytes()));
-        let temp = self.dir().join(format!("{STATE}.{}.part", os::unique_name()));
-        let written = os::write_new(&temp, &[text.as_bytes()]).and_then(|_| os::rename(&temp, &self.dir().join(STATE)));
+        let temp = self.folder().join(format!("{STATE}.{}.part", os::unique_name()));
+        let written = os::write_new(&temp, &[text.as_bytes()]).and_then(|_| os::rename(&temp, &self.folder().join(STATE)));
         if written.is_err() {
             os::remove_temp_file(&temp);
         }
@@ -227,7 +232,8 @@ impl Check<'_> {
             "packs" => self.pack(file, name, &mut report),
             _ => self.object(file, name, &mut report),
         };
-        if let Err(error) = outcome {
+        // What is no file has a finding of its own.
+        if let Err(error) = os::if_ours(outcome.map(Some)) {
             report.find(file, 0, None, format!("cannot be read: {error}"));
         }
         report
@@ -393,7 +399,7 @@ pub(crate) fn verify_chunk(digest: &Digest, bytes: &[u8]) -> Result<(), &'static
 impl Store {
     /// Plain bytes of an object, verified, without setting anything aside; `None` when it is not there or does not hold.
     pub(crate) fn peek_object(&self, digest: &Digest) -> Result<Option<Vec<u8>>, StoreError> {
-        let path = self.dir().join(Inner::object_name(digest));
+        let path = self.folder().join(Inner::object_name(digest));
         let Some((_, bytes)) = os::open_sized(&path)? else { return Ok(None) };
         let Some(bytes) = os::read_aligned(&path, 0, bytes)? else { return Ok(None) };
         let bytes = bytes.as_ref();

@@ -1,8 +1,7 @@
 //! What the file system under a store can do, found by trying it in `tmp/`.
 
-use crate::os::{self, Locked};
-use crate::{Store, StoreError};
-use std::path::Path;
+use crate::os::{self, Locked, RootedPath};
+use crate::{Store, StoreError, foreign, names};
 use std::time::Instant;
 
 /// Small files written to measure what a sync costs.
@@ -39,6 +38,8 @@ pub struct Doctor {
     pub sync_shard_secs: f64,
     /// Damaged files of the store, one line each.
     pub problems: Vec<String>,
+    /// What lies in the store and is no file: links, pipes, folders where files belong; one line each.
+    pub foreign: Vec<String>,
 }
 
 impl Doctor {
@@ -47,6 +48,7 @@ impl Doctor {
         let mut lines = Vec::new();
         if let Err(why) = &self.writable {
             lines.push(format!("the store cannot be written ({why}): it can be read and verified only"));
+            lines.extend(self.foreign.iter().cloned());
             return lines;
         }
         if self.network {
@@ -74,7 +76,7 @@ impl Doctor {
         if self.free_files.is_some_and(|files| files < 10_000 && self.file_system != "btrfs") {
             lines.push("fewer than 10,000 files can be added".to_string());
         }
-        lines.extend(self.problems.iter().cloned());
+        lines.extend(self.problems.iter().chain(&self.foreign).cloned());
         lines
     }
 }
@@ -85,7 +87,7 @@ impl Store {
     /// # Errors
     /// What the system says of the attempts that must work once a file could be written.
     pub fn doctor(&self) -> Result<Doctor, StoreError> {
-        let dir = self.dir();
+        let dir = self.folder();
         let (file_system, network) = os::file_system(dir);
         let (free_bytes, free_files) = os::free_space(dir).unzip();
         let mut doctor = Doctor {
@@ -103,6 +105,12 @@ impl Store {
             sync_one_secs: 0.0,
             sync_shard_secs: 0.0,
             problems: self.problems(),
+            foreign: foreign::find(dir)?
+                .into_iter()
+                .map(|(file, what)| {
+                    format!("{file} is {what}, which no store has in that place: it is neither followed nor changed, take it out")
+                })
+                .collect(),
         };
         let probe = dir.join("tmp").join(os::unique_name());
         if let Err(error) = os::make_dir(&probe) {
@@ -110,14 +118,14 @@ impl Store {
             return Ok(doctor);
         }
         let result = doctor.examine(dir, &probe);
-        os::remove_temp(&probe);
+        os::remove_temp(&probe, names::is_in_temp_folder);
         result.map(|()| doctor)
     }
 }
 
 impl Doctor {
-    fn examine(&mut self, dir: &Path, probe: &Path) -> Result<(), StoreError> {
-        let path = |name: &str| probe.join(name);
+    fn examine(&mut self, dir: &RootedPath, probe: &RootedPath) -> Result<(), StoreError> {
+        let path = |name: &str| probe.join(format!("{}{name}", names::PROBE));
         let start = Instant::now();
         let file = match os::write_new(&path("one"), &[&[1; 4096]]) {
             Ok(file) => file,
@@ -137,7 +145,7 @@ impl Doctor {
         os::rename(&path("two"), &path("one"))?;
         self.rename_replaces = os::read_small(&path("one"), 4096)?.as_deref() == Some(b"two");
         self.hard_links = os::link_new(&path("one"), &path("linked"))? && os::exists(&path("one"))?;
-        self.case_matters = !os::exists(&path("ONE"))?;
+        self.case_matters = !os::exists(&probe.join(path("one").file_name().unwrap_or_default().to_ascii_uppercase()))?;
         // Another open file of the same process stands for another process: these locks belong to the open file.
         let (first, second) = (os::open_or_create(&path("lock"))?, os::open_or_create(&path("lock"))?);
         let lock_path = path("lock");

@@ -35,6 +35,14 @@ pub enum StoreError {
         /// What to do.
         help: &'static str,
     },
+    /// A link, a pipe, a device or the like where a file or a folder of the store belongs. It was neither followed nor changed.
+    #[error("{} is {what}, which no store has in that place; it was left as it is\n  help: take it out of the store's folder, or run `prelight repair`", path.display())]
+    Foreign {
+        /// What is in the way.
+        path: PathBuf,
+        /// What it is: "a link".
+        what: &'static str,
+    },
     /// Bytes of a chunk are not those that its digest promises. No byte of it was handed out.
     #[error(
         "chunk {digest} is corrupt in {file} at byte {offset}: {what}\n  help: it was set aside; bake again to make it anew, and check this disk"
@@ -143,7 +151,7 @@ pub enum StoreError {
 impl StoreError {
     /// Bytes on disk are wrong: exit code 6.
     pub fn is_corrupt(&self) -> bool {
-        matches!(self, StoreError::Corrupt { .. } | StoreError::Damaged { .. })
+        matches!(self, StoreError::Corrupt { .. } | StoreError::Damaged { .. } | StoreError::Foreign { .. })
     }
 
     /// The disk or the memory is full: exit code 7.

@@ -7,11 +7,11 @@
 
 use crate::index::PackFile;
 use crate::lease::Lease;
+use crate::os::RootedPath;
 use crate::store::{Found, Inner};
-use crate::{StoreError, os};
+use crate::{StoreError, names, os};
 use prelight_manifests::Digest;
 use std::collections::BTreeSet;
-use std::path::Path;
 
 /// A lease, and what was touched under it (paths relative to the store's folder).
 pub(crate) struct Hold {
@@ -19,10 +19,10 @@ pub(crate) struct Hold {
     touched: BTreeSet<String>,
 }
 
-/// Generations in the trash, oldest first.
-pub(crate) fn generations(dir: &Path) -> Result<Vec<String>, StoreError> {
-    let names = os::list(&dir.join("trash"))?;
-    Ok(names.iter().map(|name| name.to_string_lossy().into_owned()).collect())
+/// Generations in the trash, in the order of their names.
+pub(crate) fn generations(dir: &RootedPath) -> Result<Vec<String>, StoreError> {
+    let names = os::list_folders(&dir.join("trash"))?;
+    Ok(names.into_iter().filter_map(|name| name.into_string().ok()).filter(|name| names::is_unique(name)).collect())
 }
 
 impl Inner {
@@ -75,11 +75,11 @@ impl Inner {
         let path = self.dir.join(name);
         for generation in generations(&self.dir)? {
             let from = self.dir.join("trash").join(generation).join(name);
-            if !os::exists(&from)? {
+            if !os::is_file(&from)? {
                 continue;
             }
             if let Some(folder) = path.parent() {
-                os::make_dir(folder)?;
+                os::make_dir(&folder)?;
             }
             if os::rename_if_there(&from, &path)? {
                 return Ok(true);
@@ -99,9 +99,10 @@ impl Inner {
         }
         for generation in generations {
             let folder = self.dir.join("trash").join(generation).join("packs");
-            for name in os::list(&folder)? {
-                let Some((entries, _)) = PackFile::read_entries(&folder.join(&name))? else { continue };
-                if entries.iter().any(|entry| entry.digest == *digest) && self.rescue(&format!("packs/{}", name.to_string_lossy()))? {
+            for name in os::list_if_dir(&folder)? {
+                let Some(name) = name.to_str().filter(|name| names::is_pack(name)) else { continue };
+                let Some((entries, _)) = PackFile::read_entries(&folder.join(name))? else { continue };
+                if entries.iter().any(|entry| entry.digest == *digest) && self.rescue(&format!("packs/{name}"))? {
                     self.load_new_packs()?;
                     return Ok(true);
                 }

@@ -5,9 +5,9 @@
 //! point shows another one.
 
 use crate::header::STORE_FORMAT;
+use crate::os::RootedPath;
 use crate::{StoreError, digest_of, os};
 use serde::Deserialize;
-use std::path::Path;
 
 const NAME: &str = "store.json";
 const MAX_BYTES: u64 = 4096;
@@ -29,15 +29,15 @@ fn text(id: &str) -> String {
 }
 
 /// The id of the store in `dir`.
-pub(crate) fn read(dir: &Path) -> Result<String, StoreError> {
+pub(crate) fn read(dir: &RootedPath) -> Result<String, StoreError> {
     let file = dir.join(NAME);
     let Some(bytes) = os::read_small(&file, MAX_BYTES)? else { return Err(StoreError::NotFound { dir: dir.to_path_buf() }) };
-    let damaged = |what: String| StoreError::Damaged { file: file.clone(), what, help: HELP };
+    let damaged = |what: String| StoreError::Damaged { file: file.to_path_buf(), what, help: HELP };
     let head: Head = serde_json::from_slice(&bytes).map_err(|error| damaged(error.to_string()))?;
     if head.format != u64::from(STORE_FORMAT) {
         // A newer version may have other fields, but a flipped bit is not a version.
         return match digest_field_holds(&bytes) {
-            true => Err(StoreError::Format { file, found: head.format, known: STORE_FORMAT }),
+            true => Err(StoreError::Format { file: file.to_path_buf(), found: head.format, known: STORE_FORMAT }),
             false => Err(damaged(format!("it names format {} but fails its own check", head.format))),
         };
     }
@@ -56,7 +56,7 @@ fn digest_field_holds(bytes: &[u8]) -> bool {
 }
 
 /// Makes a store's identity in `dir` unless another process is first; gives the one that counts.
-pub(crate) fn create(dir: &Path) -> Result<String, StoreError> {
+pub(crate) fn create(dir: &RootedPath) -> Result<String, StoreError> {
     let name = os::unique_name();
     let (temp, file) = (dir.join("tmp").join(format!("{name}.json")), dir.join(NAME));
     let made = os::write_new(&temp, &[text(&name).as_bytes()])?;
@@ -64,8 +64,8 @@ pub(crate) fn create(dir: &Path) -> Result<String, StoreError> {
     os::link_new(&temp, &file)?;
     os::remove_temp_file(&temp);
     os::sync_path(dir)?;
-    if let Some(parent) = dir.parent().filter(|parent| !parent.as_os_str().is_empty()) {
-        let _ = os::sync_path(parent); // the folder itself may be new; its parent may be none of ours
+    if let Some(parent) = dir.root_path().parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        let _ = os::sync_path(&RootedPath::root(parent)); // the folder itself may be new; its parent may be none of ours
     }
     read(dir)
 }
@@ -76,22 +76,23 @@ mod tests {
 
     #[test]
     fn every_flipped_bit_and_every_cut_of_store_json_is_noticed() {
-        let dir = tempfile::tempdir().unwrap();
-        std::fs::create_dir(dir.path().join("tmp")).unwrap();
-        let id = create(dir.path()).unwrap();
-        assert_eq!(read(dir.path()).unwrap(), id);
-        assert_eq!(create(dir.path()).unwrap(), id, "the first one counts");
-        let path = dir.path().join(NAME);
-        let good = std::fs::read(&path).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let dir = RootedPath::root(temporary.path());
+        std::fs::create_dir(&*dir.join("tmp")).unwrap();
+        let id = create(&dir).unwrap();
+        assert_eq!(read(&dir).unwrap(), id);
+        assert_eq!(create(&dir).unwrap(), id, "the first one counts");
+        let path = dir.join(NAME);
+        let good = std::fs::read(&*path).unwrap();
         for bit in 0..good.len() * 8 {
             let mut bytes = good.clone();
             bytes[bit / 8] ^= 1 << (bit % 8);
-            std::fs::write(&path, &bytes).unwrap();
-            assert!(matches!(read(dir.path()), Err(StoreError::Damaged { .. })), "bit {bit}");
+            std::fs::write(&*path, &bytes).unwrap();
+            assert!(matches!(read(&dir), Err(StoreError::Damaged { .. })), "bit {bit}");
         }
         for len in 0..good.len() {
-            std::fs::write(&path, &good[..len]).unwrap();
-            assert!(matches!(read(dir.path()), Err(StoreError::Damaged { .. })), "length {len}");
+            std::fs::write(&*path, &good[..len]).unwrap();
+            assert!(matches!(read(&dir), Err(StoreError::Damaged { .. })), "length {len}");
         }
     }
 
@@ -101,6 +102,6 @@ mod tests {
         let start = "{\"format\":2,\"hash\":\"blake3\",\"shards\":9";
         let newer = format!("{start},\"check\":\"{}\"}}\n", digest_of(start.as_bytes()));
         std::fs::write(dir.path().join(NAME), newer).unwrap();
-        assert!(matches!(read(dir.path()), Err(StoreError::Format { found: 2, known: 1, .. })));
+        assert!(matches!(read(&RootedPath::root(dir.path())), Err(StoreError::Format { found: 2, known: 1, .. })));
     }
 }

@@ -1,18 +1,17 @@
 //! Digest -> pack and entry, for all packs of a store, in one sorted table.
 
 use crate::map::Map;
-use crate::os;
+use crate::os::{self, RootedPath};
 use crate::pack::{self, PACK_LINE_BYTES, PackEntry, PackFoot};
 use crate::{StoreError, bad::BadList};
 use prelight_manifests::Digest;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
 /// One pack on disk. Mapped on first use and then kept, so what was verified stays verified.
 pub(crate) struct PackFile {
-    pub path: PathBuf,
+    pub path: RootedPath,
     /// Path relative to the store's folder: what errors and records in bad/ say.
     pub name: String,
     pub entries: Vec<PackEntry>,
@@ -21,20 +20,20 @@ pub(crate) struct PackFile {
 }
 
 impl PackFile {
-    pub fn new(dir: &Path, file_name: &str, entries: Vec<PackEntry>) -> Self {
+    pub fn new(dir: &RootedPath, file_name: &str, entries: Vec<PackEntry>) -> Self {
         let verified = entries.iter().map(|_| AtomicBool::new(false)).collect();
         let name = format!("packs/{file_name}");
         PackFile { path: dir.join(&name), name, entries, map: OnceLock::new(), verified }
     }
 
     /// Reads the index at the end of a pack; where that is damaged, scans the chunk headers and says so in the second value.
-    pub fn read(dir: &Path, file_name: &str) -> Result<Option<(Self, Option<&'static str>)>, StoreError> {
+    pub fn read(dir: &RootedPath, file_name: &str) -> Result<Option<(Self, Option<&'static str>)>, StoreError> {
         let read = Self::read_entries(&dir.join("packs").join(file_name))?;
         Ok(read.map(|(entries, damage)| (PackFile::new(dir, file_name, entries), damage)))
     }
 
     /// The entries of a pack at any path; `None` when it is not there.
-    pub fn read_entries(path: &Path) -> Result<Option<(Vec<PackEntry>, Option<&'static str>)>, StoreError> {
+    pub fn read_entries(path: &RootedPath) -> Result<Option<(Vec<PackEntry>, Option<&'static str>)>, StoreError> {
         let Some((mut file, bytes)) = os::open_sized(path)? else { return Ok(None) };
         let indexed = Self::read_index(&mut file, path, bytes)?;
         Ok(Some(match indexed {
@@ -47,7 +46,7 @@ impl PackFile {
         }))
     }
 
-    fn read_index(file: &mut std::fs::File, path: &Path, bytes: u64) -> Result<Result<Vec<PackEntry>, &'static str>, StoreError> {
+    fn read_index(file: &mut std::fs::File, path: &RootedPath, bytes: u64) -> Result<Result<Vec<PackEntry>, &'static str>, StoreError> {
         let mut line = [0; PACK_LINE_BYTES];
         if !os::read_at(file, path, 0, &mut line)? {
             return Ok(Err("it is too short for a pack"));

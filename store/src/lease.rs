@@ -8,10 +8,9 @@
 //! Four lines: `prelight lease 1`, `start NANOSECONDS` (by the file system's clock), `process ID` (for people), `check DIGEST`. The file is
 //! locked and written under a temporary name: a sweep never sees one that is neither.
 
-use crate::os::{self, FileTime, Locked};
-use crate::{StoreError, digest_of};
+use crate::os::{self, FileTime, Locked, RootedPath};
+use crate::{StoreError, digest_of, names};
 use std::fs::File;
-use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -25,7 +24,7 @@ const MAX_BYTES: u64 = 4096;
 
 /// A lease of this process. Given back on drop.
 pub(crate) struct Lease {
-    path: PathBuf,
+    path: RootedPath,
     /// Holds the lock.
     _file: File,
     last_beat: Mutex<Instant>,
@@ -46,7 +45,7 @@ fn parse(text: &str) -> Option<FileTime> {
 
 impl Lease {
     /// Takes a lease that starts now.
-    pub fn take(dir: &Path) -> Result<Self, StoreError> {
+    pub fn take(dir: &RootedPath) -> Result<Self, StoreError> {
         loop {
             let name = os::unique_name();
             let (temp, path) = (dir.join("tmp").join(format!("{name}.lease")), dir.join("leases").join(name));
@@ -63,17 +62,17 @@ impl Lease {
     }
 
     /// `None` when the temporary file has gone.
-    fn publish(temp: &Path, path: &Path) -> Result<Option<Self>, StoreError> {
+    fn publish(temp: &RootedPath, path: &RootedPath) -> Result<Option<Self>, StoreError> {
         let mut file = os::open_or_create(temp)?;
         // The start is the time of an empty file, so it is before everything that happens under the lease.
         let start = os::metadata(temp)?.map_or(0, |metadata| os::modified(&metadata));
         let _ = os::try_lock(&file, temp); // where it cannot be locked, the signs of life count
         os::write(&mut file, temp, text(start).as_bytes())?;
-        os::make_dir(path.parent().expect("leases lie in a folder"))?;
+        os::make_dir(&path.parent().expect("leases lie in a folder"))?;
         if !os::rename_if_there(temp, path)? {
             return Ok(None);
         }
-        let lease = Lease { path: path.to_path_buf(), _file: file, last_beat: Mutex::new(Instant::now()) };
+        let lease = Lease { path: path.clone(), _file: file, last_beat: Mutex::new(Instant::now()) };
         Ok(Some(lease))
     }
 
@@ -102,16 +101,17 @@ pub(crate) struct Leases {
     /// The earliest start of those; `None` when there is none.
     pub since: Option<FileTime>,
     /// Files of leases that are long dead.
-    pub dead: Vec<PathBuf>,
+    pub dead: Vec<RootedPath>,
 }
 
 impl Leases {
     /// Lists the leases as of `now`, the time at which the sweep began. A lease that does not parse, or that starts in the future, is of a
     /// process about whose files nothing is known: then nothing at all is old enough.
-    pub fn list(dir: &Path, now: FileTime, grace: FileTime) -> Result<Self, StoreError> {
+    pub fn list(dir: &RootedPath, now: FileTime, grace: FileTime) -> Result<Self, StoreError> {
         let folder = dir.join("leases");
         let mut leases = Leases::default();
         for name in os::list(&folder)? {
+            let Some(name) = name.to_str().filter(|name| names::is_unique(name)) else { continue };
             let path = folder.join(name);
             let Some(file) = os::open_file(&path)? else { continue };
             let Some(metadata) = os::metadata(&path)? else { continue };
@@ -142,25 +142,26 @@ mod tests {
 
     #[test]
     fn a_held_lease_counts_a_dead_one_for_one_grace_time_and_a_torn_one_for_everything() {
-        let dir = tempfile::tempdir().unwrap();
-        std::fs::create_dir(dir.path().join("tmp")).unwrap();
-        let lease = Lease::take(dir.path()).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let dir = RootedPath::root(temporary.path());
+        std::fs::create_dir(&*dir.join("tmp")).unwrap();
+        let lease = Lease::take(&dir).unwrap();
         let now = os::local_now() + 1_000_000_000;
         let later = now + 3_600_000_000_000;
         for now in [now, later] {
-            let leases = Leases::list(dir.path(), now, 0).unwrap();
+            let leases = Leases::list(&dir, now, 0).unwrap();
             assert_eq!((leases.counting, leases.dead.len()), (1, 0), "the lock counts, not the time");
             assert!(leases.since.unwrap() > 0 && leases.since.unwrap() <= now);
         }
         // As a killed process leaves it: the file without the lock.
-        let left = dir.path().join("leases/left");
-        std::fs::copy(&lease.path, &left).unwrap();
+        let left = dir.join("leases").join(os::unique_name());
+        std::fs::copy(&*lease.path, &*left).unwrap();
         drop(lease);
-        assert_eq!(Leases::list(dir.path(), now, 10_000_000_000).unwrap().counting, 1);
-        let leases = Leases::list(dir.path(), later, 10_000_000_000).unwrap();
+        assert_eq!(Leases::list(&dir, now, 10_000_000_000).unwrap().counting, 1);
+        let leases = Leases::list(&dir, later, 10_000_000_000).unwrap();
         assert_eq!((leases.counting, leases.dead.as_slice()), (0, &[left.clone()][..]));
-        std::fs::write(&left, b"prelight lea").unwrap();
-        assert_eq!(Leases::list(dir.path(), now, 10_000_000_000).unwrap().since, Some(0));
+        std::fs::write(&*left, b"prelight lea").unwrap();
+        assert_eq!(Leases::list(&dir, now, 10_000_000_000).unwrap().since, Some(0));
     }
 
     proptest! {

@@ -46,6 +46,8 @@ pub mod doctor;
 #[cfg(feature = "fs")]
 pub mod fault;
 #[cfg(feature = "fs")]
+mod foreign;
+#[cfg(feature = "fs")]
 mod hold;
 #[cfg(feature = "fs")]
 mod identity;
@@ -58,6 +60,8 @@ pub mod ledger;
 #[cfg(feature = "fs")]
 mod map;
 #[cfg(feature = "fs")]
+mod names;
+#[cfg(feature = "fs")]
 mod os;
 #[cfg(feature = "fs")]
 mod publish;
@@ -69,6 +73,8 @@ mod reach;
 mod read;
 #[cfg(feature = "fs")]
 pub mod repair;
+#[cfg(feature = "fs")]
+mod rooted;
 #[cfg(feature = "fs")]
 pub mod roots;
 #[cfg(feature = "fs")]

@@ -9,12 +9,12 @@
 use crate::fault::FaultPoint;
 use crate::index::PackFile;
 use crate::ledger::encode_segment;
+use crate::os::RootedPath;
 use crate::put::{CommitReport, ShardWriter};
 use crate::store::Inner;
 use crate::{StoreError, os};
 use prelight_manifests::Digest;
 use std::collections::BTreeSet;
-use std::path::PathBuf;
 
 impl ShardWriter {
     /// Publishes the shard; once this returns, it survives a power cut.
@@ -52,7 +52,7 @@ impl ShardWriter {
     }
 
     /// Writes index and foot; gives the temporary path, the final name and the entries.
-    fn finish_pack(&mut self) -> Result<Option<(PathBuf, PackFile, String)>, StoreError> {
+    fn finish_pack(&mut self) -> Result<Option<(RootedPath, PackFile, String)>, StoreError> {
         let Some(pack) = self.pack.take() else { return Ok(None) };
         let (pack, entries, digest) = pack.finish()?;
         self.report.bytes_stored += pack.bytes;
@@ -61,23 +61,21 @@ impl ShardWriter {
         Ok(Some((pack.path.clone(), PackFile::new(&self.inner.dir, &file_name, entries), file_name)))
     }
 
-    fn publish_chunks(&mut self, pack: Option<(PathBuf, PackFile, String)>) -> Result<(), StoreError> {
+    fn publish_chunks(&mut self, pack: Option<(RootedPath, PackFile, String)>) -> Result<(), StoreError> {
         let inner = self.inner.clone();
         let dir = &inner.dir;
-        let mut folders: BTreeSet<PathBuf> = BTreeSet::new();
+        let mut folders: BTreeSet<RootedPath> = BTreeSet::new();
         if let Some(temp) = &self.temp {
             let objects = self.objects.iter().map(|digest| temp.join(digest.to_string()));
-            let files: Vec<PathBuf> = objects.chain(pack.iter().map(|(path, ..)| path.clone())).collect();
+            let files: Vec<RootedPath> = objects.chain(pack.iter().map(|(path, ..)| path.clone())).collect();
             os::sync_paths(dir, files.iter())?;
             inner.pass(FaultPoint::FilesSynced)?;
             for digest in &self.objects {
                 let to = dir.join(Inner::object_name(digest));
                 let folder = to.parent().expect("objects lie in folders");
-                if !folder.is_dir() {
-                    os::make_dir(folder)?;
-                }
+                os::make_dir(&folder)?;
                 os::rename(&temp.join(digest.to_string()), &to)?;
-                folders.insert(folder.to_path_buf());
+                folders.insert(folder);
                 inner.pass(FaultPoint::ObjectRenamed)?;
             }
             if let Some((path, file, _)) = &pack {
@@ -94,9 +92,9 @@ impl ShardWriter {
                 return Err(StoreError::Missing { digest, place });
             }
             // Whoever published them may not have come to sync the folder yet; a record of ours must not outlive them.
-            folders.extend(dir.join(name).parent().map(PathBuf::from));
+            folders.extend(dir.join(name).parent());
         }
-        if folders.iter().any(|folder| folder.parent() != Some(dir)) {
+        if folders.iter().any(|folder| folder.parent().as_ref() != Some(dir)) {
             folders.insert(dir.join("objects")); // some of the folders in it may be new
         }
         os::sync_paths(dir, folders.iter())?;

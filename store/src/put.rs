@@ -4,14 +4,14 @@ use crate::fault::FaultPoint;
 use crate::form;
 use crate::header::ChunkHeader;
 use crate::ledger::{Record, encode_record};
+use crate::os::RootedPath;
 use crate::pack::{PackEntry, encode_head, encode_index};
 use crate::store::Inner;
-use crate::{CHUNK_ALIGN, StoreError, digest_of, os};
+use crate::{CHUNK_ALIGN, StoreError, digest_of, names, os};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Chunks of at least this many plain bytes are files of their own.
@@ -23,7 +23,7 @@ pub const OBJECT_BYTES: u64 = 256 << 10;
 pub struct ShardWriter {
     pub(crate) inner: Arc<Inner>,
     /// `tmp/<unique>`, once there is something in it.
-    pub(crate) temp: Option<PathBuf>,
+    pub(crate) temp: Option<RootedPath>,
     pub(crate) pack: Option<PackFileWriter>,
     pub(crate) objects: BTreeSet<Digest>,
     /// Plain lengths of the chunks that this writer adds.
@@ -53,14 +53,14 @@ pub struct CommitReport {
 
 /// A pack that is being written.
 pub(crate) struct PackFileWriter {
-    pub path: PathBuf,
+    pub path: RootedPath,
     pub file: BufWriter<File>,
     pub bytes: u64,
     pub entries: Vec<PackEntry>,
 }
 
 impl PackFileWriter {
-    pub fn create(path: PathBuf) -> Result<Self, StoreError> {
+    pub fn create(path: RootedPath) -> Result<Self, StoreError> {
         let file = BufWriter::with_capacity(1 << 18, os::create(&path)?);
         let mut pack = PackFileWriter { path, file, bytes: 0, entries: Vec::new() };
         pack.write(&encode_head())?;
@@ -179,7 +179,7 @@ impl ShardWriter {
         self.records.push((key, encode_record(&key, &record)));
     }
 
-    pub(crate) fn temp_folder(&mut self) -> Result<PathBuf, StoreError> {
+    pub(crate) fn temp_folder(&mut self) -> Result<RootedPath, StoreError> {
         if let Some(temp) = &self.temp {
             return Ok(temp.clone());
         }
@@ -195,7 +195,7 @@ impl Drop for ShardWriter {
     /// Only this writer knows its temporary folder, so it may go at once; after a kill a later sweep removes it by age.
     fn drop(&mut self) {
         if let Some(temp) = &self.temp {
-            os::remove_temp(temp);
+            os::remove_temp(temp, names::is_in_temp_folder);
         }
     }
 }

@@ -9,7 +9,6 @@ use crate::map::Map;
 use crate::store::Inner;
 use crate::{Chunk, ChunkSource, Form, Store, StoreError, os};
 use prelight_manifests::Descriptor;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -151,7 +150,7 @@ impl Inner {
     }
 }
 
-fn map_file(path: &Path) -> Option<Arc<Map>> {
+fn map_file(path: &os::RootedPath) -> Option<Arc<Map>> {
     if N_MAPS.load(Ordering::Relaxed) >= MAX_MAPS {
         return None;
     }

@@ -6,14 +6,15 @@
 //! | anything in a pack | its right chunks go into a new pack, durably, then it is moved to `bad/` |
 //! | segment | moved to `bad/`; its patches are baked again |
 //! | root | moved to `bad/`; made anew when an object of the store is the manifest of that asset |
-//! | a file with a name that does not fit | moved to `bad/` |
+//! | a link, pipe or folder in such a place | moved to `bad/` itself, never what it leads to |
+//! | anything else | left alone, and named |
 //!
 //! Nothing is deleted. Right chunks are durable in their new place before the old one goes, so a repair that is killed can be run again.
 
 use crate::check::{Finding, verify_chunk};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::store::Inner;
-use crate::{Form, Store, StoreError, os, pack};
+use crate::{Form, Store, StoreError, names, os, pack};
 use prelight_manifests::{ChunkKind, Digest, Dtype};
 use std::collections::BTreeMap;
 
@@ -22,6 +23,8 @@ use std::collections::BTreeMap;
 pub struct RepairReport {
     /// Files that now lie in `bad/`, by their old names.
     pub moved: Vec<String>,
+    /// Entries that no store writes where they are: left as they are.
+    pub left: Vec<String>,
     /// Chunks of damaged packs that were saved into new ones.
     pub saved: u64,
     /// Roots that were made anew from their manifests.
@@ -36,10 +39,14 @@ impl Store {
     pub fn set_aside(&self, findings: &[Finding]) -> Result<RepairReport, StoreError> {
         let _lock = self.lock_for("repair")?;
         let mut report = RepairReport::default();
-        os::make_dir(&self.dir().join("bad"))?;
+        os::make_dir(&self.folder().join("bad"))?;
         let mut by_file: BTreeMap<&str, Vec<&Finding>> = BTreeMap::new();
         findings.iter().for_each(|finding| by_file.entry(&finding.file).or_default().push(finding));
         for (file, findings) in by_file {
+            if !names::is_final(file) {
+                report.left.push(file.to_string());
+                continue;
+            }
             match file.split_once('/').map_or("", |(folder, _)| folder) {
                 "packs" => self.mend_pack(file, &mut report)?,
                 "objects" => {
@@ -65,7 +72,7 @@ impl Store {
                 _ => {}
             }
         }
-        os::sync_path(&self.dir().join("bad"))?;
+        os::sync_path(&self.folder().join("bad"))?;
         self.refresh()?;
         Ok(report)
     }
@@ -74,8 +81,10 @@ impl Store {
         let (folder, name) = file.rsplit_once('/').unwrap_or(("", file));
         let kind = if folder.starts_with("objects") { ".object" } else { "" };
         let kind = if folder == "roots" { ".root" } else { kind };
-        if os::rename_if_there(&self.dir().join(file), &self.dir().join(format!("bad/{name}{kind}")))? {
-            os::sync_path(&self.dir().join(folder))?;
+        let from = self.folder().join(file);
+        let name = if os::is_file(&from)? { format!("{name}{kind}") } else { format!("{name}.{}.foreign", os::unique_name()) };
+        if os::rename_if_there(&from, &self.folder().join("bad").join(name))? {
+            os::sync_path(&self.folder().join(folder))?;
             report.moved.push(file.to_string());
         }
         Ok(())
@@ -84,8 +93,12 @@ impl Store {
     fn mend_pack(&self, file: &str, report: &mut RepairReport) -> Result<(), StoreError> {
         // Before anything is saved, so that no chunk of it counts as being there already.
         let name = file.trim_start_matches("packs/").to_string();
-        let path = self.dir().join(file);
-        let Some((_, bytes)) = os::open_sized(&path)? else { return Ok(()) };
+        let path = self.folder().join(file);
+        let Some(opened) = os::if_ours(os::open_sized(&path))? else {
+            self.forget_pack(file);
+            return self.move_to_bad(file, report);
+        };
+        let Some((_, bytes)) = opened else { return Ok(()) };
         let whole = os::read_aligned(&path, 0, bytes).ok().flatten();
         self.forget_pack(file);
         if let Some(whole) = whole {
@@ -131,11 +144,11 @@ impl Store {
     fn make_root(&self, asset: Digest) -> Result<bool, StoreError> {
         let wanted = format!("\"asset_digest\": \"{asset}\"");
         let mut found: Option<(u64, Vec<u8>)> = None;
-        for fan in os::list(&self.dir().join("objects"))? {
-            let folder = self.dir().join("objects").join(&fan);
+        for fan in os::list_folders(&self.folder().join("objects"))? {
+            let folder = self.folder().join("objects").join(&fan);
             for name in os::list_if_dir(&folder)? {
                 let Ok(digest) = name.to_string_lossy().parse::<Digest>() else { continue };
-                let Some(metadata) = os::metadata(&self.dir().join(Inner::object_name(&digest)))? else { continue };
+                let Some(metadata) = os::metadata(&self.folder().join(Inner::object_name(&digest)))? else { continue };
                 let Some(text) = self.peek_object(&digest)? else { continue };
                 let is_manifest = text.first() == Some(&b'{') && text.windows(wanted.len()).any(|window| window == wanted.as_bytes());
                 let time = os::modified(&metadata);

@@ -85,10 +85,10 @@ impl Store {
     pub fn roots(&self) -> Result<Vec<Root>, StoreError> {
         let folder = self.inner.dir.join("roots");
         let mut roots = Vec::new();
-        for name in os::list(&folder)? {
+        for (name, _) in os::entries(&folder)? {
             let name = name.to_string_lossy();
             let Ok(asset) = name.parse::<Digest>() else { continue };
-            let text = os::read_small(&folder.join(&*name), MAX_BYTES)?.unwrap_or_default();
+            let text = os::if_ours(os::read_small(&folder.join(&*name), MAX_BYTES))?.flatten().unwrap_or_default();
             match Root::parse(&String::from_utf8_lossy(&text)).filter(|root| root.asset == asset) {
                 Some(root) => roots.push(root),
                 None => self.inner.problem(format!("roots/{name} is damaged: seal the asset again by baking it")),

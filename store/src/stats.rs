@@ -48,9 +48,9 @@ impl Store {
     /// # Errors
     /// What the system says.
     pub fn stats(&self) -> Result<Stats, StoreError> {
-        let dir = self.dir();
+        let dir = self.folder();
         let mut stats = Stats::default();
-        for fan in os::list(&dir.join("objects"))? {
+        for fan in os::list_folders(&dir.join("objects"))? {
             let folder = dir.join("objects").join(fan);
             for (name, bytes) in os::list_sized(&folder)? {
                 stats.objects += 1;
@@ -86,7 +86,7 @@ impl Store {
         stats.roots = self.roots()?.len() as u64;
         let bad = self.inner.bad.lock().expect("no panic under this lock");
         let index = self.inner.index.read().expect("no panic under this lock");
-        let lost = |digest: &&Digest| index.get(digest).is_none() && !dir.join(Inner::object_name(digest)).exists();
+        let lost = |digest: &&Digest| index.get(digest).is_none() && !os::is_file(&dir.join(Inner::object_name(digest))).unwrap_or(false);
         stats.bad_chunks = bad.digests().filter(lost).count() as u64;
         Ok(stats)
     }

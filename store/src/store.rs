@@ -6,12 +6,14 @@ use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::hold::Hold;
 use crate::index::{Index, PackFile, Place};
 use crate::ledger::{Ledger, Record};
+use crate::os::RootedPath;
 use crate::read::ObjectMap;
-use crate::{FormChoice, ShardWriter, StoreError, identity, os};
+use crate::{FormChoice, ShardWriter, StoreError, identity, names, os};
 use prelight_manifests::{Descriptor, Digest};
 use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsString;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex, OnceLock, RwLock};
 
 /// Segments longer than this are not ours.
@@ -84,7 +86,7 @@ pub struct Store {
 }
 
 pub(crate) struct Inner {
-    pub dir: PathBuf,
+    pub dir: RootedPath,
     pub id: String,
     pub use_maps: bool,
     pub form: FormChoice,
@@ -124,6 +126,7 @@ impl Store {
     }
 
     fn open_with(dir: &Path, options: StoreOptions) -> Result<Self, StoreError> {
+        let dir = &RootedPath::root(dir);
         let found = identity::read(dir);
         let fresh = matches!(found, Err(StoreError::NotFound { .. }));
         if options.create && (fresh || found.is_ok()) {
@@ -136,7 +139,7 @@ impl Store {
         let mut problems = Vec::new();
         let bad = BadList::read(dir, &mut problems)?;
         let inner = Inner {
-            dir: dir.to_path_buf(),
+            dir: dir.clone(),
             id,
             use_maps: options.mapping == Mapping::Auto && !os::is_network(dir),
             form: options.form,
@@ -156,6 +159,11 @@ impl Store {
 
     /// The store's folder.
     pub fn dir(&self) -> &Path {
+        &self.inner.dir
+    }
+
+    /// The same, as its files are named from.
+    pub(crate) fn folder(&self) -> &RootedPath {
         &self.inner.dir
     }
 
@@ -282,7 +290,7 @@ impl Inner {
         }
         let folder = self.dir.join("objects");
         let mut names = Vec::new();
-        for first in os::list(&folder)? {
+        for first in os::list_folders(&folder)? {
             names.extend(os::list_if_dir(&folder.join(first))?);
         }
         let listed: BTreeSet<Digest> = names.iter().filter_map(|name| name.to_str()?.parse().ok()).collect();
@@ -295,7 +303,8 @@ impl Inner {
             return Ok(Some(found));
         }
         let path = self.dir.join(Self::object_name(digest));
-        let Some((mut file, bytes)) = os::open_sized(&path)? else { return Ok(None) };
+        // What is no file is no chunk either; a new one takes its place.
+        let Some((mut file, bytes)) = os::if_ours(os::open_sized(&path))?.flatten() else { return Ok(None) };
         let mut head = [0; CHUNK_HEADER_BYTES];
         if !os::read_at(&mut file, &path, 0, &mut head)? {
             return Ok(None);
@@ -307,11 +316,20 @@ impl Inner {
         Ok(whole.then_some(Found::Object))
     }
 
+    /// Files in a folder; a link in the folder's place is named in the store's problems, and has none.
+    fn list_or_name(&self, folder: &RootedPath) -> Result<Vec<OsString>, StoreError> {
+        let listed = os::list(folder);
+        if let Err(error @ StoreError::Foreign { .. }) = &listed {
+            self.problem(error.to_string().lines().next().unwrap_or_default().to_string());
+        }
+        Ok(os::if_ours(listed)?.unwrap_or_default())
+    }
+
     fn read_new_segments(&self) -> Result<Vec<(String, Vec<u8>)>, StoreError> {
         let folder = self.dir.join("ledger");
         let mut segments = Vec::new();
-        for name in os::list(&folder)? {
-            let Some(name) = name.to_str().filter(|name| name.ends_with(".segment")) else { continue };
+        for name in self.list_or_name(&folder)? {
+            let Some(name) = name.to_str().filter(|name| names::is_segment(name)) else { continue };
             if self.ledger.read().expect("no panic under this lock").has_segment(name) {
                 continue;
             }
@@ -327,8 +345,8 @@ impl Inner {
     /// Reads the indexes of packs that are not known yet; gives their number.
     pub fn load_new_packs(&self) -> Result<usize, StoreError> {
         let mut packs = Vec::new();
-        for name in os::list(&self.dir.join("packs"))? {
-            let Some(name) = name.to_str().filter(|name| name.ends_with(".pack")) else { continue };
+        for name in self.list_or_name(&self.dir.join("packs"))? {
+            let Some(name) = name.to_str().filter(|name| names::is_pack(name)) else { continue };
             if self.index.read().expect("no panic under this lock").has_pack(name) {
                 continue;
             }

@@ -41,13 +41,12 @@
 use crate::fault::FaultPoint;
 use crate::hold::generations;
 use crate::lease::Leases;
-use crate::os::{self, FileTime, Locked};
+use crate::os::{self, FileTime, Kind, Locked, Metadata, RootedPath};
 use crate::store::Inner;
-use crate::{Store, StoreError};
+use crate::{Store, StoreError, names};
 use mark::{Candidate, Marks, cutoff};
 use prelight_manifests::Digest;
 use std::fs::File;
-use std::path::PathBuf;
 use std::time::Duration;
 
 mod mark;
@@ -127,7 +126,7 @@ impl Store {
 
     /// The lock that sweep and repair share.
     pub(crate) fn lock_for(&self, what: &'static str) -> Result<Option<File>, StoreError> {
-        let path = self.dir().join("sweep.lock");
+        let path = self.folder().join("sweep.lock");
         let file = os::open_or_create(&path)?;
         match os::try_lock(&file, &path) {
             Locked::Ours => Ok(Some(file)),
@@ -191,11 +190,11 @@ impl Sweep<'_> {
         Ok(report)
     }
 
-    fn place(&self, name: &str) -> PathBuf {
+    fn place(&self, name: &str) -> RootedPath {
         self.inner.dir.join(name)
     }
 
-    fn in_trash(&self, generation: &str, name: &str) -> PathBuf {
+    fn in_trash(&self, generation: &str, name: &str) -> RootedPath {
         self.inner.dir.join("trash").join(generation).join(name)
     }
 
@@ -203,11 +202,14 @@ impl Sweep<'_> {
     fn forget(&self, asset: &Digest) -> Result<(), StoreError> {
         let name = format!("roots/{asset}");
         let no_root = || StoreError::Missing { digest: *asset, place: format!("the roots of {}", self.inner.dir.display()) };
+        if os::open_sized(&self.place(&name))?.is_none() {
+            return Err(no_root());
+        }
         if self.options.dry_run {
-            return if os::exists(&self.place(&name))? { Ok(()) } else { Err(no_root()) };
+            return Ok(());
         }
         let (from, to) = (self.place(&name), self.in_trash(&self.generation, &name));
-        os::make_dir(to.parent().expect("it lies in a folder"))?;
+        os::make_dir(&to.parent().expect("it lies in a folder"))?;
         if !os::rename_if_there(&from, &to)? {
             return Err(no_root());
         }
@@ -228,7 +230,7 @@ impl Sweep<'_> {
         report: &mut SweepReport,
     ) -> Result<(), StoreError> {
         let folder = self.inner.dir.join("trash").join(generation);
-        let mark = os::metadata(&folder.join("mark"))?;
+        let mark = os::metadata(&folder.join("mark"))?.filter(Metadata::is_file);
         // A generation without a mark was emptied, all but its folders; it has its folder's time.
         let made = match mark.or(os::metadata(&folder)?) {
             Some(metadata) => os::modified(&metadata),
@@ -237,7 +239,7 @@ impl Sweep<'_> {
         let is_old = made <= self.begin.saturating_sub(self.grace());
         for name in files {
             let path = folder.join(name);
-            let Some(metadata) = os::metadata(&path)? else { continue };
+            let Some(metadata) = os::metadata(&path)?.filter(Metadata::is_file) else { continue };
             let swept = |reason: &str| Swept { file: name.clone(), bytes: metadata.len(), reason: reason.to_string() };
             let is_root = name.starts_with("roots/");
             let why = match marks.why_live(&path, name)? {
@@ -251,7 +253,7 @@ impl Sweep<'_> {
             {
                 report.restored.push(swept(why));
                 if !self.options.dry_run && self.inner.rescue(name)? {
-                    os::sync_path(self.place(name).parent().expect("it lies in a folder"))?;
+                    os::sync_path(&self.place(name).parent().expect("it lies in a folder"))?;
                     self.inner.pass(FaultPoint::SweepRestored)?;
                 }
             } else if !is_old {
@@ -292,7 +294,7 @@ impl Sweep<'_> {
     /// Renames into this generation and looks again; whether it stayed there.
     fn to_trash(&self, name: &str, cutoff: FileTime) -> Result<bool, StoreError> {
         let (from, to) = (self.place(name), self.in_trash(&self.generation, name));
-        os::make_dir(to.parent().expect("it lies in a folder"))?;
+        os::make_dir(&to.parent().expect("it lies in a folder"))?;
         if !os::rename_if_there(&from, &to)? {
             return Ok(false);
         }
@@ -320,7 +322,8 @@ impl Sweep<'_> {
     /// Phase 5. A living writer's folder is younger than its lease.
     fn remove_remains(&self, cutoff: FileTime, leases: &Leases, report: &mut SweepReport) -> Result<(), StoreError> {
         let folder = self.place("tmp");
-        for name in os::list(&folder)? {
+        for (name, kind) in os::if_ours(os::entries(&folder))?.unwrap_or_default() {
+            let Some(name) = name.to_str().filter(|name| is_remains(name, kind)) else { continue };
             let path = folder.join(name);
             let mut newest = 0;
             let inside = os::list_if_dir(&path)?.into_iter().map(|inner| path.join(inner));
@@ -330,8 +333,10 @@ impl Sweep<'_> {
             if newest < cutoff {
                 report.remains += 1;
                 if !self.options.dry_run {
-                    os::remove_temp(&path);
-                    os::remove_temp_file(&path);
+                    match kind {
+                        Kind::Folder => os::remove_temp(&path, names::is_in_temp_folder),
+                        _ => os::remove_temp_file(&path),
+                    }
                     self.inner.pass(FaultPoint::TempRemoved)?;
                 }
             }
@@ -348,13 +353,22 @@ impl Sweep<'_> {
     /// Folders of a generation in which no file is left, and its mark last.
     fn remove_if_empty(&self, generation: &str) {
         let folder = self.inner.dir.join("trash").join(generation);
-        for fan in os::list(&folder.join("objects")).unwrap_or_default() {
+        for fan in os::list_folders(&folder.join("objects")).unwrap_or_default() {
             os::remove_empty_dir(&folder.join("objects").join(fan));
         }
         FOLDERS.iter().for_each(|name| os::remove_empty_dir(&folder.join(name)));
-        if os::list(&folder).is_ok_and(|names| names.iter().all(|name| name == "mark")) {
+        if os::entries(&folder).is_ok_and(|entries| entries.iter().all(|(name, kind)| name == "mark" && *kind == Kind::File)) {
             os::remove_temp_file(&folder.join("mark"));
             os::remove_empty_dir(&folder);
         }
+    }
+}
+
+/// A folder of a writer, or a file of one that was making a store or a lease.
+fn is_remains(name: &str, kind: Kind) -> bool {
+    match kind {
+        Kind::Folder => names::is_unique(name),
+        Kind::File => names::is_temp_file(name),
+        _ => false,
     }
 }

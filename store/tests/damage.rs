@@ -187,6 +187,11 @@ fn swapped_and_foreign_contents_are_not_taken_for_a_chunk() {
     for (folder, bytes) in [("packs/x.pack", first_bytes), ("ledger/x.segment", first_bytes), ("objects/zz", b"?")] {
         std::fs::write(patient.dir.path().join(folder), bytes).unwrap();
     }
+    assert_eq!(patient.open(Mapping::Auto).problems().len(), 0, "no store writes such names");
+    let name = prelight_store::digest_of(b"x");
+    for file in [format!("packs/{name}.pack"), format!("ledger/{name}.segment")] {
+        std::fs::write(patient.dir.path().join(file), first_bytes).unwrap();
+    }
     let store = patient.open(Mapping::Auto);
     patient.shard.assert_whole(&store);
     assert_eq!(store.problems().len(), 2, "{:?}", store.problems());
@@ -252,6 +257,6 @@ fn a_store_that_cannot_be_written_can_be_read_and_says_so_on_put() {
     let store = patient.open(Mapping::Auto);
     patient.shard.assert_whole(&store);
     let error = Shard::new(99).publish(&store).unwrap_err();
-    assert!(matches!(error, StoreError::Io { .. } | StoreError::Permission { .. }), "{error}");
+    assert!(matches!(error, StoreError::Foreign { .. } | StoreError::Permission { .. }), "{error}");
     std::fs::set_permissions(patient.dir.path(), std::fs::Permissions::from_mode(0o755)).unwrap();
 }

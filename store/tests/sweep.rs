@@ -174,7 +174,7 @@ fn a_killed_writer_leaves_a_lease_that_counts_for_the_grace_time_only() {
     let store = Store::open_or_create(dir.path()).unwrap();
     let writer = store.writer();
     let lease = files(&dir.path().join("leases")).pop().expect("a lease");
-    let left = dir.path().join("leases/left");
+    let left = dir.path().join("leases/1ef71ef71ef71ef71ef71ef71ef71ef7");
     std::fs::copy(&lease, &left).unwrap();
     drop((writer, store));
     assert!(!lease.exists(), "given back");
@@ -214,16 +214,16 @@ fn busy(dir: &Path) {
     age(dir, DAY);
     // Something live in the trash, as a sweep that was stopped leaves it; something that is condemned next; a dead writer's folder.
     let pack = files(&dir.join("packs")).swap_remove(0);
-    let generation = dir.join("trash/stopped/packs");
+    let generation = dir.join("trash/570bbed0570bbed0570bbed0570bbed0/packs");
     std::fs::create_dir_all(&generation).unwrap();
     std::fs::rename(&pack, generation.join(pack.file_name().unwrap())).unwrap();
     Shard::new(60).publish(&Store::open(dir).unwrap()).unwrap();
-    std::fs::create_dir(dir.join("tmp/dead")).unwrap();
-    std::fs::write(dir.join("tmp/dead/pack"), b"half").unwrap();
+    std::fs::create_dir(dir.join("tmp/deaddeaddeaddeaddeaddeaddeaddead")).unwrap();
+    std::fs::write(dir.join("tmp/deaddeaddeaddeaddeaddeaddeaddead/pack"), b"half").unwrap();
     age(dir, DAY);
     let past = SystemTime::now() - DAY;
-    std::fs::File::open(dir.join("tmp/dead")).unwrap().set_modified(past).unwrap();
-    std::fs::File::open(dir.join("trash/stopped")).unwrap().set_modified(past).unwrap();
+    std::fs::File::open(dir.join("tmp/deaddeaddeaddeaddeaddeaddeaddead")).unwrap().set_modified(past).unwrap();
+    std::fs::File::open(dir.join("trash/570bbed0570bbed0570bbed0570bbed0")).unwrap().set_modified(past).unwrap();
 }
 
 fn sweep_hooked(

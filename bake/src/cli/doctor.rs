@@ -1,7 +1,7 @@
 //! `prelight doctor`: what the file system under the store can do, and what is in the way.
 
 use super::opened_store::open_store;
-use super::{Context, Failure, Summary};
+use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_manifests::ByteSize;
 
@@ -52,6 +52,9 @@ pub fn run(_args: DoctorArgs, context: &Context) -> Result<Summary, Failure> {
     let mut text: String = rows.iter().map(|(name, value)| format!("{name:<20}{value}\n")).collect();
     text += if advice.is_empty() { "all is well\n" } else { "" };
     advice.iter().for_each(|line| text += &format!("- {line}\n"));
+    if !doctor.foreign.is_empty() {
+        summary.exit_code = ExitCode::Corrupt;
+    }
     summary.set_text(text);
     Ok(summary)
 }

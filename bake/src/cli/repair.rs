@@ -66,6 +66,7 @@ pub fn run(args: RepairArgs, context: &Context) -> Result<Summary, Failure> {
         .collect();
     summary
         .set("moved", aside.moved.clone())
+        .set("left", aside.left.clone())
         .set("saved", aside.saved)
         .set("roots_made", aside.roots_made.iter().map(Digest::to_string).collect::<Vec<_>>())
         .set("assets", listed);
@@ -75,6 +76,10 @@ pub fn run(args: RepairArgs, context: &Context) -> Result<Summary, Failure> {
             true => format!("  asset {}: baked again, with the same digest\n", asset.short()),
             false => format!("  asset {}: not restored: {why}\n", asset.short()),
         };
+    }
+    if !aside.left.is_empty() {
+        text += &format!("left alone, since no store writes it: {}; take it out by hand\n", aside.left.join(", "));
+        summary.exit_code = ExitCode::Corrupt;
     }
     if lost > 0 {
         text += "name its scene and knobs (`prelight repair SCENE --points N`), or give an asset up with `prelight gc --forget DIGEST`\n";

@@ -60,7 +60,7 @@ fn summary(report: &CheckReport, seconds: f64) -> Summary {
     }
     if !report.findings.is_empty() {
         text += "`prelight repair` sets aside what is wrong and bakes it again\n";
-        summary.exit_code = ExitCode::Found;
+        summary.exit_code = if report.foreign > 0 { ExitCode::Corrupt } else { ExitCode::Found };
     }
     summary.set_text(text);
     summary

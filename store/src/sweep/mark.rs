@@ -4,11 +4,10 @@ use super::Swept;
 use crate::index::PackFile;
 use crate::lease::Leases;
 use crate::ledger::{decode_record, parse_segment};
-use crate::os::{self, FileTime};
+use crate::os::{self, FileTime, Kind, Metadata, RootedPath};
 use crate::store::Inner;
-use crate::{Root, Store, StoreError, reach};
+use crate::{Root, Store, StoreError, names, reach};
 use prelight_manifests::Digest;
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -35,42 +34,45 @@ pub(crate) struct Candidate {
 /// Segments, packs and objects, in this order.
 pub(crate) fn list_files(inner: &Inner) -> Result<Vec<Candidate>, StoreError> {
     let mut files = Vec::new();
-    for (folder, ending) in [("ledger", ".segment"), ("packs", ".pack")] {
-        list_folder(inner, folder, &|name| name.ends_with(ending), &mut files)?;
-    }
-    for fan in os::list(&inner.dir.join("objects"))? {
-        let folder = format!("objects/{}", fan.to_string_lossy());
-        list_folder(inner, &folder, &|name| name.parse::<Digest>().is_ok(), &mut files)?;
+    list_folder(inner, "ledger", &mut files)?;
+    list_folder(inner, "packs", &mut files)?;
+    for fan in os::list_folders(&inner.dir.join("objects"))? {
+        list_folder(inner, &format!("objects/{}", fan.to_string_lossy()), &mut files)?;
     }
     Ok(files)
 }
 
 /// Files with names that do not fit are nobody's to sweep.
-fn list_folder(inner: &Inner, folder: &str, fits: &dyn Fn(&str) -> bool, files: &mut Vec<Candidate>) -> Result<(), StoreError> {
-    for name in os::list_if_dir(&inner.dir.join(folder))? {
-        let Some(name) = name.to_str().filter(|name| fits(name)) else { continue };
-        let name = format!("{folder}/{name}");
-        if let Some(metadata) = os::metadata(&inner.dir.join(&name))?.filter(|metadata| metadata.is_file()) {
+fn list_folder(inner: &Inner, folder: &str, files: &mut Vec<Candidate>) -> Result<(), StoreError> {
+    for name in os::list(&inner.dir.join(folder))? {
+        let name = format!("{folder}/{}", name.to_string_lossy());
+        if !names::is_final(&name) {
+            continue;
+        }
+        if let Some(metadata) = os::metadata(&inner.dir.join(&name))?.filter(Metadata::is_file) {
             files.push(Candidate { name, bytes: metadata.len(), modified: os::modified(&metadata) });
         }
     }
     Ok(())
 }
 
-/// Files of a generation by their names in the store, in the order in which they are deleted.
-pub(crate) fn list_trash(folder: &Path, folders: &[&str]) -> Result<Vec<String>, StoreError> {
+/// Files of a generation by their names in the store, in the order in which they are deleted. What a sweep did not put there is not listed.
+pub(crate) fn list_trash(folder: &RootedPath, folders: &[&str]) -> Result<Vec<String>, StoreError> {
     let mut files = Vec::new();
     for name in folders {
-        for inner in os::list(&folder.join(name))? {
+        for (inner, kind) in os::if_ours(os::entries(&folder.join(name)))?.unwrap_or_default() {
             let inner = format!("{name}/{}", inner.to_string_lossy());
-            if os::metadata(&folder.join(&inner))?.is_some_and(|metadata| metadata.is_dir()) {
-                let below = os::list(&folder.join(&inner))?;
-                files.extend(below.iter().map(|name| format!("{inner}/{}", name.to_string_lossy())));
-            } else {
-                files.push(inner);
+            match kind {
+                Kind::Folder => {
+                    let below = os::list_if_dir(&folder.join(&inner))?;
+                    files.extend(below.iter().map(|name| format!("{inner}/{}", name.to_string_lossy())));
+                }
+                Kind::File => files.push(inner),
+                _ => {}
             }
         }
     }
+    files.retain(|file| names::is_final(file));
     Ok(files)
 }
 
@@ -88,7 +90,7 @@ impl Marks {
     pub fn read(inner: &Arc<Inner>, cutoff: FileTime, forgotten: &[Digest]) -> Result<Self, StoreError> {
         let (mut live, mut young_segments) = (Vec::new(), Vec::new());
         for name in os::list(&inner.dir.join("ledger"))? {
-            let Some(name) = name.to_str().filter(|name| name.ends_with(".segment")) else { continue };
+            let Some(name) = name.to_str().filter(|name| names::is_segment(name)) else { continue };
             let path = inner.dir.join("ledger").join(name);
             if os::metadata(&path)?.is_some_and(|metadata| os::modified(&metadata) >= cutoff) {
                 young_segments.push(format!("ledger/{name}"));
@@ -99,13 +101,13 @@ impl Marks {
         }
         let store = Store { inner: inner.clone() };
         let mut n_roots = 0;
-        for name in os::list(&inner.dir.join("roots"))? {
+        for (name, _) in os::entries(&inner.dir.join("roots"))? {
             let path = inner.dir.join("roots").join(&name);
             let Ok(asset) = name.to_string_lossy().parse::<Digest>() else { continue };
             if forgotten.contains(&asset) {
                 continue;
             }
-            let unknown = |what: &str| StoreError::Damaged { file: path.clone(), what: what.to_string(), help: HELP };
+            let unknown = |what: &str| StoreError::Damaged { file: path.to_path_buf(), what: what.to_string(), help: HELP };
             // Forgotten by another sweep since it was listed.
             let Some(bytes) = os::read_small(&path, 4096)? else { continue };
             let root = std::str::from_utf8(&bytes).ok().and_then(Root::parse).filter(|root| root.asset == asset);
@@ -136,7 +138,7 @@ impl Marks {
     }
 
     /// Why a file of the trash is to come back, if it is.
-    pub fn why_live(&self, path: &Path, name: &str) -> Result<Option<&'static str>, StoreError> {
+    pub fn why_live(&self, path: &RootedPath, name: &str) -> Result<Option<&'static str>, StoreError> {
         let holds = |live: bool| live.then_some("it holds a chunk that is live");
         Ok(match name.split_once('/') {
             Some(("objects", _)) => {
@@ -195,7 +197,7 @@ impl Marks {
 }
 
 /// Chunks of each record of a segment, and whether this build could read the record. A damaged segment holds none.
-fn records(path: &Path) -> Result<Vec<(Vec<Digest>, bool)>, StoreError> {
+fn records(path: &RootedPath) -> Result<Vec<(Vec<Digest>, bool)>, StoreError> {
     let bytes = os::read_small(path, u32::MAX.into())?.unwrap_or_default();
     let places = parse_segment(&bytes).unwrap_or_default();
     let read = |(offset, len): (usize, usize)| match decode_record(&bytes[offset..offset + len]) {
@@ -206,7 +208,7 @@ fn records(path: &Path) -> Result<Vec<(Vec<Digest>, bool)>, StoreError> {
 }
 
 /// Chunks of a pack, wherever it lies.
-fn digests_of_pack(path: &Path) -> Result<Vec<Digest>, StoreError> {
+fn digests_of_pack(path: &RootedPath) -> Result<Vec<Digest>, StoreError> {
     let entries = PackFile::read_entries(path)?.map(|(entries, _)| entries).unwrap_or_default();
     Ok(entries.into_iter().map(|entry| entry.digest).collect())
 }
