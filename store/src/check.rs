@@ -9,20 +9,21 @@
 //! | chunk | the header's own check, its digest and length, blake3 of stored and of plain bytes |
 //!
 //! Files are read, not mapped: a disk that cannot give a page is a finding here and would kill a process that has it mapped. The order is
-//! that of the names, so `verify.state` (four lines and the findings so far, with a check of its own) says exactly where to go on.
+//! that of the names, so `verify.state` (see `check/state.rs`) says exactly where to go on.
 //! A sample is of chunks, chosen by hash of (seed, digest); heads, indexes and names are always checked.
 
 use crate::form::{decode_zstd, verify_raw};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
+use crate::os::Metadata;
 use crate::pack::{self, PACK_LINE_BYTES, PackEntry, PackFoot};
 use crate::store::Inner;
 use crate::{Form, Root, Store, StoreError, digest_of, foreign, ledger, names, os, reach};
 use prelight_manifests::Digest;
+use state::{Seen, State};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-const STATE: &str = "verify.state";
-const MAX_STATE: u64 = 256 << 20;
+mod state;
 
 /// Files between two notes of how far it came.
 const BATCH: usize = 64;
@@ -99,17 +100,15 @@ impl Store {
     pub fn check(&self, options: &CheckOptions, go_on: &(dyn Fn(u64) -> bool + Sync)) -> Result<CheckReport, StoreError> {
         self.refresh()?;
         let files = self.files_to_check()?;
-        let state_path = self.folder().join(STATE);
-        let head = format!("prelight verify 1\nsample {} {}\n", options.sample, options.seed);
-        let mut report = CheckReport::default();
-        let mut first = 0;
-        let state = os::if_ours(os::read_small(&state_path, MAX_STATE))?;
-        let may_note = state.is_some(); // else something else has that name
-        if options.resume
-            && let Some((done, so_far)) = read_state(&state.flatten().unwrap_or_default(), &head)
-        {
-            first = files.partition_point(|file| order(file) <= order(&done));
-            report = CheckReport { resumed: true, ..so_far };
+        let (state, note) = State::open(self.folder(), self.id(), options)?;
+        let (mut report, mut seen, mut first) = (CheckReport::default(), Seen::default(), 0);
+        if let Some(note) = note {
+            let n = files.partition_point(|file| order(file) <= order(&note.done));
+            let now = files[..n].iter().try_fold(Seen::default(), |seen, file| self.see(seen, file))?;
+            // Else something of what was read is not what it was.
+            if now == note.seen {
+                (report, seen, first) = (CheckReport { resumed: true, ..note.report }, now, n);
+            }
         }
         let check = Check { inner: &self.inner, options };
         let stop = AtomicBool::new(false);
@@ -123,10 +122,11 @@ impl Store {
                         if stop.load(Ordering::Relaxed) {
                             return;
                         }
+                        let metadata = os::metadata(&self.folder().join(file)).ok().flatten(); // as it was before it was read
                         let part = check.file(file);
                         let mut done = done.lock().expect("no panic under this lock");
-                        done.push((i, part));
-                        let bytes: u64 = done.iter().map(|(_, part): &(usize, CheckReport)| part.bytes).sum();
+                        done.push((i, metadata, part));
+                        let bytes: u64 = done.iter().map(|(.., part): &(usize, Option<Metadata>, CheckReport)| part.bytes).sum();
                         drop(done);
                         if !go_on(before + bytes) {
                             stop.store(true, Ordering::Relaxed);
@@ -137,18 +137,21 @@ impl Store {
                 work();
             });
             let mut done = done.into_inner().expect("no panic under this lock");
-            done.sort_by_key(|(i, _)| *i);
+            done.sort_by_key(|(i, ..)| *i);
             // Of a batch that was stopped only the files before the first gap count; the others are read again.
-            let whole = done.iter().zip(0..).take_while(|((i, _), n)| i == n).count();
-            done.into_iter().take(whole).for_each(|(_, part)| report.add(part));
-            if let Some(last) = whole.checked_sub(1).filter(|_| may_note) {
-                self.write_state(&head, &batch[last], &report);
+            let whole = done.iter().zip(0..).take_while(|((i, ..), n)| i == n).count();
+            for (i, metadata, part) in done.into_iter().take(whole) {
+                seen = seen.and(&batch[i], metadata.as_ref());
+                report.add(part);
+            }
+            if let Some(last) = whole.checked_sub(1) {
+                state.write(&batch[last], seen, &report);
             }
             if stop.load(Ordering::Relaxed) {
                 return Ok(report);
             }
         }
-        os::remove_temp_file(&state_path);
+        state.remove();
         for (file, what) in foreign::find(self.folder())? {
             report.find(&file, 0, None, format!("it is {what}, which no store has in that place; it was neither followed nor changed"));
             report.foreign += 1;
@@ -174,20 +177,9 @@ impl Store {
         Ok(files)
     }
 
-    /// Best effort: a store that cannot be written can be verified all the same, but not in parts.
-    fn write_state(&self, head: &str, done: &str, report: &CheckReport) {
-        let mut text = format!("{head}done {done}\ncounts {} {} {}\n", report.files, report.chunks, report.bytes);
-        for finding in &report.findings {
-            let digest = finding.digest.map_or("-".to_string(), |digest| digest.to_string());
-            let what = finding.what.replace(['\n', '\t'], " ");
-            text += &format!("finding {}\t{}\t{digest}\t{what}\n", finding.file.replace(['\n', '\t'], "?"), finding.offset);
-        }
-        text += &format!("check {}\n", digest_of(text.as_bytes()));
-        let temp = self.folder().join(format!("{STATE}.{}.part", os::unique_name()));
-        let written = os::write_new(&temp, &[text.as_bytes()]).and_then(|_| os::rename(&temp, &self.folder().join(STATE)));
-        if written.is_err() {
-            os::remove_temp_file(&temp);
-        }
+    fn see(&self, seen: Seen, file: &str) -> Result<Seen, StoreError> {
+        let metadata = os::if_ours(os::metadata(&self.folder().join(file)))?.flatten();
+        Ok(seen.and(file, metadata.as_ref()))
     }
 }
 
@@ -195,26 +187,6 @@ impl Store {
 fn order(file: &str) -> (usize, &str) {
     let folders = ["roots/", "ledger/", "packs/", "objects/"];
     (folders.iter().position(|folder| file.starts_with(folder)).unwrap_or(folders.len()), file)
-}
-
-fn read_state(bytes: &[u8], head: &str) -> Option<(String, CheckReport)> {
-    let text = std::str::from_utf8(bytes).ok()?;
-    let (body, check) = text.rsplit_once("check ")?;
-    if check.trim_end() != digest_of(body.as_bytes()).to_string() {
-        return None;
-    }
-    let mut lines = body.strip_prefix(head)?.lines();
-    let done = lines.next()?.strip_prefix("done ")?.to_string();
-    let counts: Vec<u64> = lines.next()?.strip_prefix("counts ")?.split(' ').map(|n| n.parse().ok()).collect::<Option<_>>()?;
-    let &[files, chunks, bytes] = &counts[..] else { return None };
-    let finding = |line: &str| {
-        let mut fields = line.strip_prefix("finding ")?.split('\t');
-        let (file, offset) = (fields.next()?.to_string(), fields.next()?.parse().ok()?);
-        let digest = fields.next()?.parse().ok();
-        Some(Finding { file, offset, digest, what: fields.next()?.to_string() })
-    };
-    let findings = lines.map(finding).collect::<Option<_>>()?;
-    Some((done, CheckReport { files, chunks, bytes, findings, ..CheckReport::default() }))
 }
 
 struct Check<'a> {

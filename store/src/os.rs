@@ -68,6 +68,8 @@ pub(crate) struct Metadata {
     kind: Kind,
     len: u64,
     modified: FileTime,
+    /// When anything about it changed last, which nobody can set; where the system has no such time, as `modified`.
+    changed: FileTime,
 }
 
 impl Metadata {
@@ -77,6 +79,10 @@ impl Metadata {
 
     pub fn len(&self) -> u64 {
         self.len
+    }
+
+    pub fn changed(&self) -> FileTime {
+        self.changed
     }
 }
 
