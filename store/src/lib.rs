@@ -28,6 +28,7 @@
 //! needs. `zstd` (C, reads and writes) or `ruzstd` (Rust, reads) decodes compressed chunks.
 
 mod aligned;
+pub mod budget;
 pub mod chunk;
 pub mod error;
 pub mod form;
@@ -85,6 +86,7 @@ pub mod store;
 pub mod sweep;
 
 pub use aligned::CHUNK_ALIGN;
+pub use budget::Budget;
 pub use chunk::{Chunk, ChunkSource, SharedBytes, digest_of};
 pub use error::StoreError;
 pub use form::{Form, FormChoice};

@@ -1,6 +1,7 @@
 //! A store on disk: opening, looking up, and what is wrong with it.
 
 use crate::bad::BadList;
+use crate::budget::Decoded;
 use crate::fault::{FaultHook, FaultPoint, Faults};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::hold::Hold;
@@ -8,16 +9,13 @@ use crate::index::{Index, PackFile, Place};
 use crate::ledger::{Ledger, Record};
 use crate::os::RootedPath;
 use crate::read::ObjectMap;
-use crate::{FormChoice, ShardWriter, StoreError, identity, names, os};
+use crate::{Budget, FormChoice, ShardWriter, StoreError, identity, ledger, names, os};
 use prelight_manifests::{Descriptor, Digest};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::fmt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, OnceLock, RwLock};
-
-/// Segments longer than this are not ours.
-const MAX_SEGMENT: u64 = u32::MAX as u64;
 
 /// Whether files are mapped or read into memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,6 +33,7 @@ pub struct StoreOptions {
     create: bool,
     mapping: Mapping,
     form: FormChoice,
+    budget: Budget,
     hook: Option<FaultHook>,
 }
 
@@ -59,6 +58,12 @@ impl StoreOptions {
     /// The form of new chunks.
     pub fn form(mut self, form: FormChoice) -> Self {
         self.form = form;
+        self
+    }
+
+    /// What decoded chunks may take together; a quarter of the machine's memory unless said.
+    pub fn budget(mut self, budget: Budget) -> Self {
+        self.budget = budget;
         self
     }
 
@@ -90,6 +95,9 @@ pub(crate) struct Inner {
     pub id: String,
     pub use_maps: bool,
     pub form: FormChoice,
+    pub budget: Budget,
+    /// Chunks in memory of their own that are in use.
+    pub decoded: Decoded,
     faults: Faults,
     pub index: RwLock<Index>,
     pub ledger: RwLock<Ledger>,
@@ -143,6 +151,8 @@ impl Store {
             id,
             use_maps: options.mapping == Mapping::Auto && !os::is_network(dir),
             form: options.form,
+            budget: options.budget,
+            decoded: Decoded::default(),
             faults: Faults::new(options.hook),
             index: RwLock::default(),
             ledger: RwLock::default(),
@@ -333,7 +343,7 @@ impl Inner {
             if self.ledger.read().expect("no panic under this lock").has_segment(name) {
                 continue;
             }
-            match os::read_small(&folder.join(name), MAX_SEGMENT) {
+            match ledger::read_file(&folder.join(name)) {
                 Ok(Some(bytes)) => segments.push((name.to_string(), bytes)),
                 Ok(None) => {}
                 Err(error) => self.problem(format!("ledger/{name} cannot be read: {error}")),
