@@ -20,10 +20,11 @@ use std::sync::{Arc, Mutex, OnceLock, RwLock};
 /// Whether files are mapped or read into memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mapping {
-    /// Mapped on local file systems, read on network ones.
+    /// Mapped on local file systems, read on network ones. Whoever writes to or cuts a file that is mapped ends this process (SIGBUS); prelight
+    /// itself only ever renames one file over another.
     #[default]
     Auto,
-    /// Always read.
+    /// Always read: for folders in which other programs write, and as slow as a copy.
     Never,
 }
 
