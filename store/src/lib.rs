@@ -99,7 +99,9 @@ pub use check::{CheckOptions, CheckReport, Finding};
 #[cfg(feature = "fs")]
 pub use doctor::Doctor;
 #[cfg(feature = "fs")]
-pub use fault::{CallHook, FaultHook, FaultPoint, with_call_hook};
+pub use fault::FaultPoint;
+#[cfg(all(feature = "fs", feature = "fault-injection"))]
+pub use fault::{CallHook, FaultHook, with_call_hook};
 #[cfg(feature = "fs")]
 pub use ledger::{MAX_RECORD_DATA, Record};
 #[cfg(feature = "fs")]

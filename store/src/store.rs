@@ -2,7 +2,7 @@
 
 use crate::bad::BadList;
 use crate::budget::Decoded;
-use crate::fault::{FaultHook, FaultPoint, Faults};
+use crate::fault::{FaultPoint, Faults};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::hold::Hold;
 use crate::index::{Index, PackFile, Place};
@@ -35,7 +35,7 @@ pub struct StoreOptions {
     mapping: Mapping,
     form: FormChoice,
     budget: Budget,
-    hook: Option<FaultHook>,
+    faults: Faults,
 }
 
 impl StoreOptions {
@@ -69,8 +69,9 @@ impl StoreOptions {
     }
 
     /// For tests: called at every step of the publish path.
-    pub fn fault_hook(mut self, hook: FaultHook) -> Self {
-        self.hook = Some(hook);
+    #[cfg(feature = "fault-injection")]
+    pub fn fault_hook(mut self, hook: crate::fault::FaultHook) -> Self {
+        self.faults.set_hook(hook);
         self
     }
 
@@ -154,7 +155,7 @@ impl Store {
             form: options.form,
             budget: options.budget,
             decoded: Decoded::default(),
-            faults: Faults::new(options.hook),
+            faults: options.faults.armed(),
             index: RwLock::default(),
             ledger: RwLock::default(),
             bad: Mutex::new(bad),
