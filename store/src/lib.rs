@@ -69,6 +69,8 @@ mod publish;
 #[cfg(feature = "fs")]
 pub mod put;
 #[cfg(feature = "fs")]
+pub mod put_back;
+#[cfg(feature = "fs")]
 mod reach;
 #[cfg(feature = "fs")]
 mod read;
@@ -106,6 +108,8 @@ pub use fault::{CallHook, FaultHook, with_call_hook};
 pub use ledger::{MAX_RECORD_DATA, Record};
 #[cfg(feature = "fs")]
 pub use put::{CommitReport, OBJECT_BYTES, ShardWriter};
+#[cfg(feature = "fs")]
+pub use put_back::PutBack;
 #[cfg(feature = "fs")]
 pub use repair::RepairReport;
 #[cfg(feature = "fs")]
