@@ -79,7 +79,9 @@ fn runtime_shows_no_foreign_types_and_the_store_calls_the_system_in_one_place() 
             let calls = [
                 "rustix",
                 "memmap2",
-                "File::",
+                "File::open",
+                "File::create",
+                "File::options",
                 "OpenOptions",
                 "read_dir",
                 "read_link",
