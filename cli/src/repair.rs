@@ -1,6 +1,7 @@
 //! `prelight repair`: sets aside what is wrong in a store and bakes it again, to the same digest.
 //!
-//! 1. `verify`, in full. 2. What it finds is moved to `bad/`; right chunks of damaged packs are saved. 3. For every asset that
+//! 1. `verify`, in full. 2. What it finds is moved to `bad/`; right chunks of damaged packs are saved; what is lost and lies in an asset file
+//!    beside the store, or in one named by `--from`, is put back. 3. For every asset that
 //!    lacks a chunk its scene is baked again: the ledger knows which patches are whole, so only those that made lost chunks are traced. The
 //!    scene is the one that the asset's report names, with the knobs that it was baked with, or the one named here. 4. The asset is sealed
 //!    again only if the digest is the same: a scene that was edited since is another asset.
@@ -23,6 +24,9 @@ pub struct RepairArgs {
     /// Scene to bake assets again from, default the one that each asset names
     #[arg(value_name = "SCENE")]
     pub scene: Option<PathBuf>,
+    /// Packed asset or manifest to take lost chunks from, before anything is baked; asset files beside the store are looked at anyway
+    #[arg(long, value_name = "FILE")]
+    pub from: Vec<PathBuf>,
     #[command(flatten)]
     pub knobs: BakeKnobs,
 }
@@ -44,6 +48,7 @@ pub fn run(args: RepairArgs, context: &Context) -> Result<Summary, Failure> {
     }
     let aside = store.set_aside(&report.findings)?;
     let store = Store::open(store.dir())?;
+    let put_back = store.put_back(&args.from)?;
     let mut assets = Vec::new();
     for root in store.roots()? {
         let before = lost_chunks(&store, &root)?;
@@ -66,10 +71,17 @@ pub fn run(args: RepairArgs, context: &Context) -> Result<Summary, Failure> {
     summary
         .set("moved", aside.moved.clone())
         .set("left", aside.left.clone())
+        .set("put_back.manifests", put_back.manifests.len())
+        .set("put_back.chunks", put_back.chunks)
         .set("saved", aside.saved)
         .set("roots_made", aside.roots_made.iter().map(Digest::to_string).collect::<Vec<_>>())
         .set("assets", listed);
     let mut text = format!("{found} things were wrong: {} files set aside, {} chunks saved from them\n", aside.moved.len(), aside.saved);
+    if put_back.chunks > 0 || !put_back.manifests.is_empty() {
+        let from: Vec<String> = put_back.from.iter().map(|path| path.display().to_string()).collect();
+        let (manifests, chunks) = (put_back.manifests.len(), put_back.chunks);
+        text += &format!("{manifests} manifests and {chunks} chunks put back from {}\n", from.join(", "));
+    }
     for (asset, _, mended, why) in &assets {
         text += &match mended {
             true => format!("  asset {}: baked again, with the same digest\n", asset.short()),

@@ -9,20 +9,24 @@
 //! | chunk | the header's own check, its digest and length, blake3 of stored and of plain bytes |
 //!
 //! Files are read, not mapped: a disk that cannot give a page is a finding here and would kill a process that has it mapped. The order is
-//! that of the names, so `verify.state` (four lines and the findings so far, with a check of its own) says exactly where to go on.
+//! that of the names, so `verify.state` (see `check/state.rs`) says exactly where to go on.
 //! A sample is of chunks, chosen by hash of (seed, digest); heads, indexes and names are always checked.
 
 use crate::form::{decode_zstd, verify_raw};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
-use crate::pack::{self, PACK_LINE_BYTES, PackEntry, PackFoot};
+use crate::index::PackFile;
+use crate::os::{Metadata, RootedPath};
+use crate::pack::{PACK_LINE_BYTES, PackEntry};
 use crate::store::Inner;
-use crate::{Form, Root, Store, StoreError, digest_of, foreign, ledger, names, os, reach};
+use crate::{Budget, Form, Root, Store, StoreError, digest_of, foreign, ledger, names, os, reach, roots};
 use prelight_manifests::Digest;
+use state::{Seen, State};
+use std::fs::File;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-const STATE: &str = "verify.state";
-const MAX_STATE: u64 = 256 << 20;
+mod state;
 
 /// Files between two notes of how far it came.
 const BATCH: usize = 64;
@@ -99,17 +103,15 @@ impl Store {
     pub fn check(&self, options: &CheckOptions, go_on: &(dyn Fn(u64) -> bool + Sync)) -> Result<CheckReport, StoreError> {
         self.refresh()?;
         let files = self.files_to_check()?;
-        let state_path = self.folder().join(STATE);
-        let head = format!("prelight verify 1\nsample {} {}\n", options.sample, options.seed);
-        let mut report = CheckReport::default();
-        let mut first = 0;
-        let state = os::if_ours(os::read_small(&state_path, MAX_STATE))?;
-        let may_note = state.is_some(); // else something else has that name
-        if options.resume
-            && let Some((done, so_far)) = read_state(&state.flatten().unwrap_or_default(), &head)
-        {
-            first = files.partition_point(|file| order(file) <= order(&done));
-            report = CheckReport { resumed: true, ..so_far };
+        let (state, note) = State::open(self.folder(), self.id(), options)?;
+        let (mut report, mut seen, mut first) = (CheckReport::default(), Seen::default(), 0);
+        if let Some(note) = note {
+            let n = files.partition_point(|file| order(file) <= order(&note.done));
+            let now = files[..n].iter().try_fold(Seen::default(), |seen, file| self.see(seen, file))?;
+            // Else something of what was read is not what it was.
+            if now == note.seen {
+                (report, seen, first) = (CheckReport { resumed: true, ..note.report }, now, n);
+            }
         }
         let check = Check { inner: &self.inner, options };
         let stop = AtomicBool::new(false);
@@ -123,10 +125,11 @@ impl Store {
                         if stop.load(Ordering::Relaxed) {
                             return;
                         }
+                        let metadata = os::metadata(&self.folder().join(file)).ok().flatten(); // as it was before it was read
                         let part = check.file(file);
                         let mut done = done.lock().expect("no panic under this lock");
-                        done.push((i, part));
-                        let bytes: u64 = done.iter().map(|(_, part): &(usize, CheckReport)| part.bytes).sum();
+                        done.push((i, metadata, part));
+                        let bytes: u64 = done.iter().map(|(.., part): &(usize, Option<Metadata>, CheckReport)| part.bytes).sum();
                         drop(done);
                         if !go_on(before + bytes) {
                             stop.store(true, Ordering::Relaxed);
@@ -137,18 +140,21 @@ impl Store {
                 work();
             });
             let mut done = done.into_inner().expect("no panic under this lock");
-            done.sort_by_key(|(i, _)| *i);
+            done.sort_by_key(|(i, ..)| *i);
             // Of a batch that was stopped only the files before the first gap count; the others are read again.
-            let whole = done.iter().zip(0..).take_while(|((i, _), n)| i == n).count();
-            done.into_iter().take(whole).for_each(|(_, part)| report.add(part));
-            if let Some(last) = whole.checked_sub(1).filter(|_| may_note) {
-                self.write_state(&head, &batch[last], &report);
+            let whole = done.iter().zip(0..).take_while(|((i, ..), n)| i == n).count();
+            for (i, metadata, part) in done.into_iter().take(whole) {
+                seen = seen.and(&batch[i], metadata.as_ref());
+                report.add(part);
+            }
+            if let Some(last) = whole.checked_sub(1) {
+                state.write(&batch[last], seen, &report);
             }
             if stop.load(Ordering::Relaxed) {
                 return Ok(report);
             }
         }
-        os::remove_temp_file(&state_path);
+        state.remove();
         for (file, what) in foreign::find(self.folder())? {
             report.find(&file, 0, None, format!("it is {what}, which no store has in that place; it was neither followed nor changed"));
             report.foreign += 1;
@@ -174,20 +180,9 @@ impl Store {
         Ok(files)
     }
 
-    /// Best effort: a store that cannot be written can be verified all the same, but not in parts.
-    fn write_state(&self, head: &str, done: &str, report: &CheckReport) {
-        let mut text = format!("{head}done {done}\ncounts {} {} {}\n", report.files, report.chunks, report.bytes);
-        for finding in &report.findings {
-            let digest = finding.digest.map_or("-".to_string(), |digest| digest.to_string());
-            let what = finding.what.replace(['\n', '\t'], " ");
-            text += &format!("finding {}\t{}\t{digest}\t{what}\n", finding.file.replace(['\n', '\t'], "?"), finding.offset);
-        }
-        text += &format!("check {}\n", digest_of(text.as_bytes()));
-        let temp = self.folder().join(format!("{STATE}.{}.part", os::unique_name()));
-        let written = os::write_new(&temp, &[text.as_bytes()]).and_then(|_| os::rename(&temp, &self.folder().join(STATE)));
-        if written.is_err() {
-            os::remove_temp_file(&temp);
-        }
+    fn see(&self, seen: Seen, file: &str) -> Result<Seen, StoreError> {
+        let metadata = os::if_ours(os::metadata(&self.folder().join(file)))?.flatten();
+        Ok(seen.and(file, metadata.as_ref()))
     }
 }
 
@@ -195,26 +190,6 @@ impl Store {
 fn order(file: &str) -> (usize, &str) {
     let folders = ["roots/", "ledger/", "packs/", "objects/"];
     (folders.iter().position(|folder| file.starts_with(folder)).unwrap_or(folders.len()), file)
-}
-
-fn read_state(bytes: &[u8], head: &str) -> Option<(String, CheckReport)> {
-    let text = std::str::from_utf8(bytes).ok()?;
-    let (body, check) = text.rsplit_once("check ")?;
-    if check.trim_end() != digest_of(body.as_bytes()).to_string() {
-        return None;
-    }
-    let mut lines = body.strip_prefix(head)?.lines();
-    let done = lines.next()?.strip_prefix("done ")?.to_string();
-    let counts: Vec<u64> = lines.next()?.strip_prefix("counts ")?.split(' ').map(|n| n.parse().ok()).collect::<Option<_>>()?;
-    let &[files, chunks, bytes] = &counts[..] else { return None };
-    let finding = |line: &str| {
-        let mut fields = line.strip_prefix("finding ")?.split('\t');
-        let (file, offset) = (fields.next()?.to_string(), fields.next()?.parse().ok()?);
-        let digest = fields.next()?.parse().ok();
-        Some(Finding { file, offset, digest, what: fields.next()?.to_string() })
-    };
-    let findings = lines.map(finding).collect::<Option<_>>()?;
-    Some((done, CheckReport { files, chunks, bytes, findings, ..CheckReport::default() }))
 }
 
 struct Check<'a> {
@@ -239,15 +214,8 @@ impl Check<'_> {
         report
     }
 
-    /// The file's bytes; `None` when it has gone since it was listed.
-    fn read(&self, file: &str) -> Result<Option<crate::aligned::AlignedBytes>, StoreError> {
-        let path = self.inner.dir.join(file);
-        let Some((_, bytes)) = os::open_sized(&path)? else { return Ok(None) };
-        os::read_aligned(&path, 0, bytes)
-    }
-
     fn root(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
-        let Some(bytes) = self.read(file)? else { return Ok(()) };
+        let Some(bytes) = os::read_small(&self.inner.dir.join(file), roots::MAX_BYTES)? else { return Ok(()) };
         let root = std::str::from_utf8(bytes.as_ref()).ok().and_then(Root::parse).filter(|root| root.asset.to_string() == name);
         let Some(root) = root else {
             report.find(file, 0, None, "it is not a root, or fails its own check");
@@ -278,7 +246,7 @@ impl Check<'_> {
     }
 
     fn segment(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
-        let Some(bytes) = self.read(file)? else { return Ok(()) };
+        let Some(bytes) = ledger::read_file(&self.inner.dir.join(file))? else { return Ok(()) };
         match ledger::parse_segment(bytes.as_ref()) {
             Err(what) => report.find(file, 0, None, what),
             Ok(_) if name != format!("{}.segment", ledger::segment_name(bytes.as_ref())) => {
@@ -289,45 +257,38 @@ impl Check<'_> {
         Ok(())
     }
 
+    /// In parts, so that only one chunk at a time is in memory.
     fn pack(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
-        let Some(bytes) = self.read(file)? else { return Ok(()) };
-        let bytes = bytes.as_ref();
-        let mut entries = match pack::parse(bytes) {
-            Ok(entries) => {
-                let foot = PackFoot::decode(&bytes[bytes.len() - PACK_LINE_BYTES..], bytes.len() as u64);
-                if foot.is_ok_and(|foot| name != format!("{}.pack", foot.name())) {
+        let path = self.inner.dir.join(file);
+        let Some((mut opened, bytes)) = os::open_sized(&path)? else { return Ok(()) };
+        let mut entries = match PackFile::read_index(&mut opened, &path, bytes)? {
+            Ok((entries, named)) => {
+                if name != format!("{named}.pack") {
                     report.find(file, 0, None, "its name is not the check in its foot");
                 }
-                self.gaps(file, bytes, &entries, report);
+                for gap in gaps(bytes, &entries) {
+                    let len = gap.end.saturating_sub(gap.start) as usize;
+                    let mut padding = [0; PACK_LINE_BYTES];
+                    let is_small = gap.start <= gap.end && len < PACK_LINE_BYTES;
+                    if !is_small || !os::read_at(&mut opened, &path, gap.start, &mut padding[..len])? || padding != [0; PACK_LINE_BYTES] {
+                        report.find(file, gap.start, None, "between two chunks lies something else than padding");
+                    }
+                }
                 entries
             }
             Err(what) => {
                 report.find(file, 0, None, what);
-                pack::scan(bytes)
+                PackFile::scan(&mut opened, &path, bytes)
             }
         };
         entries.sort_by_key(|entry| entry.offset);
         for entry in entries.iter().filter(|entry| self.is_sampled(&entry.digest)) {
-            let range = entry.range();
-            self.chunk(file, entry.offset, &entry.digest, &bytes[range.start as usize..range.end as usize], report);
+            match os::read_aligned_from(&mut opened, &path, bytes, entry.range())? {
+                Some(chunk) => self.chunk(file, entry.offset, &entry.digest, chunk.as_ref(), report),
+                None => report.find(file, entry.offset, Some(entry.digest), "it was cut while it was read"),
+            }
         }
         Ok(())
-    }
-
-    /// Between chunks lie zeros up to a multiple of 64, and nothing else.
-    fn gaps(&self, file: &str, pack: &[u8], entries: &[PackEntry], report: &mut CheckReport) {
-        let mut places: Vec<(usize, usize)> = entries.iter().map(|e| (e.range().start as usize, e.range().end as usize)).collect();
-        places.sort_unstable();
-        let index = pack.len() - (entries.len() + 1) * PACK_LINE_BYTES;
-        places.push((index, pack.len()));
-        let mut end = PACK_LINE_BYTES;
-        for (start, next_end) in places {
-            let gap = pack.get(end..start);
-            if gap.is_none_or(|gap| gap.len() >= PACK_LINE_BYTES || gap.iter().any(|byte| *byte != 0)) {
-                report.find(file, end as u64, None, "between two chunks lies something else than padding");
-            }
-            end = next_end;
-        }
     }
 
     fn object(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
@@ -336,24 +297,15 @@ impl Check<'_> {
             return Ok(());
         };
         let path = self.inner.dir.join(file);
-        let Some((mut opened, bytes)) = os::open_sized(&path)? else { return Ok(()) };
-        if !self.is_sampled(&digest) {
-            let mut head = [0; CHUNK_HEADER_BYTES];
-            let header = match os::read_at(&mut opened, &path, 0, &mut head)? {
-                true => ChunkHeader::decode(&head),
-                false => Err("it is cut inside its header"),
-            };
-            match header {
-                Err(what) => report.find(file, 0, Some(digest), what),
-                Ok(header) if header.digest != digest || header.stored_bytes.checked_add(CHUNK_HEADER_BYTES as u64) != Some(bytes) => {
-                    report.find(file, 0, Some(digest), "its header does not fit its name and length");
+        match open_object(&path, &digest)? {
+            None => {}
+            Some(Err(what)) => report.find(file, 0, Some(digest), what),
+            Some(Ok((mut opened, bytes))) if self.is_sampled(&digest) => {
+                if let Some(bytes) = os::read_aligned_from(&mut opened, &path, bytes, 0..bytes)? {
+                    self.chunk(file, 0, &digest, bytes.as_ref(), report);
                 }
-                Ok(_) => {}
             }
-            return Ok(());
-        }
-        if let Some(bytes) = os::read_aligned(&path, 0, bytes)? {
-            self.chunk(file, 0, &digest, bytes.as_ref(), report);
+            Some(Ok(_)) => {}
         }
         Ok(())
     }
@@ -374,6 +326,31 @@ impl Check<'_> {
     }
 }
 
+/// Where a pack has no chunk: between two of them, and before the index.
+fn gaps(pack_bytes: u64, entries: &[PackEntry]) -> Vec<Range<u64>> {
+    let mut places: Vec<Range<u64>> = entries.iter().map(PackEntry::range).collect();
+    places.sort_unstable_by_key(|place| (place.start, place.end));
+    places.push(pack_bytes - (entries.len() as u64 + 1) * PACK_LINE_BYTES as u64..pack_bytes);
+    let ends = std::iter::once(PACK_LINE_BYTES as u64).chain(places.iter().map(|place| place.end));
+    ends.zip(&places).map(|(end, next)| end..next.start).collect()
+}
+
+/// An object that has the header of this chunk and the length that goes with it, and that length; its bytes were not read yet.
+pub(crate) fn open_object(path: &RootedPath, digest: &Digest) -> Result<Option<Result<(File, u64), &'static str>>, StoreError> {
+    let Some((mut opened, bytes)) = os::open_sized(path)? else { return Ok(None) };
+    let mut head = [0; CHUNK_HEADER_BYTES];
+    if !os::read_at(&mut opened, path, 0, &mut head)? {
+        return Ok(Some(Err("it is cut inside its header")));
+    }
+    Ok(Some(match ChunkHeader::decode(&head) {
+        Err(what) => Err(what),
+        Ok(header) if header.digest != *digest || header.stored_bytes.checked_add(CHUNK_HEADER_BYTES as u64) != Some(bytes) => {
+            Err("its header does not fit its name and length")
+        }
+        Ok(_) => Ok((opened, bytes)),
+    }))
+}
+
 /// Whether header and stored bytes are those of the chunk of this digest.
 pub(crate) fn verify_chunk(digest: &Digest, bytes: &[u8]) -> Result<(), &'static str> {
     let header = ChunkHeader::decode(bytes)?;
@@ -386,7 +363,7 @@ pub(crate) fn verify_chunk(digest: &Digest, bytes: &[u8]) -> Result<(), &'static
     }
     let fault = match header.form {
         Form::Raw => verify_raw(&header, stored).err(),
-        Form::Zstd => decode_zstd(&header, stored).err(),
+        Form::Zstd => decode_zstd(&header, stored, &Budget::default()).err(),
     };
     match fault {
         None => Ok(()),
@@ -400,17 +377,19 @@ impl Store {
     /// Plain bytes of an object, verified, without setting anything aside; `None` when it is not there or does not hold.
     pub(crate) fn peek_object(&self, digest: &Digest) -> Result<Option<Vec<u8>>, StoreError> {
         let path = self.folder().join(Inner::object_name(digest));
-        let Some((_, bytes)) = os::open_sized(&path)? else { return Ok(None) };
-        let Some(bytes) = os::read_aligned(&path, 0, bytes)? else { return Ok(None) };
-        let bytes = bytes.as_ref();
-        if verify_chunk(digest, bytes).is_err() {
-            return Ok(None);
-        }
-        let header = ChunkHeader::decode(bytes).expect("verified above");
-        let stored = &bytes[CHUNK_HEADER_BYTES..];
-        Ok(match header.form {
-            Form::Raw => Some(stored.to_vec()),
-            Form::Zstd => decode_zstd(&header, stored).ok().map(|plain| plain.as_ref().to_vec()),
-        })
+        let Some(Ok((mut file, bytes))) = open_object(&path, digest)? else { return Ok(None) };
+        let Some(bytes) = os::read_aligned_from(&mut file, &path, bytes, 0..bytes)? else { return Ok(None) };
+        Ok(plain_bytes(digest, bytes.as_ref()))
+    }
+}
+
+/// Plain bytes of header and stored bytes that are those of the chunk of this digest.
+pub(crate) fn plain_bytes(digest: &Digest, bytes: &[u8]) -> Option<Vec<u8>> {
+    verify_chunk(digest, bytes).ok()?;
+    let header = ChunkHeader::decode(bytes).ok()?;
+    let stored = &bytes[CHUNK_HEADER_BYTES..];
+    match header.form {
+        Form::Raw => Some(stored.to_vec()),
+        Form::Zstd => decode_zstd(&header, stored, &Budget::default()).ok().map(|plain| plain.as_ref().to_vec()),
     }
 }

@@ -74,6 +74,16 @@ impl Chunk {
         Chunk { owner: Owner::Mapped(map), range }.aligned()
     }
 
+    /// A part of bytes that others have too.
+    pub(crate) fn part_of(bytes: Arc<AlignedBytes>, range: Range<usize>) -> Self {
+        Chunk { owner: Owner::Owned(bytes), range }
+    }
+
+    /// The bytes that it keeps alive, when they are memory of its own, and which of them it is.
+    pub(crate) fn owned_part(&self) -> Option<(&Arc<AlignedBytes>, Range<usize>)> {
+        if let Owner::Owned(bytes) = &self.owner { Some((bytes, self.range.clone())) } else { None }
+    }
+
     pub(crate) fn shared(bytes: SharedBytes, range: Range<usize>) -> Self {
         Chunk { owner: Owner::Shared(bytes), range }.aligned()
     }

@@ -1,5 +1,8 @@
 //! Where a test can stop the store: named steps of publishing and sweeping, and every call to the system.
 //!
+//! Only with feature `fault-injection`, which tests turn on: without it the steps have names and nothing happens at them, whatever the
+//! environment says.
+//!
 //! In process: [`crate::StoreOptions::fault_hook`] sees the steps, [`with_call_hook`] every call that the current thread makes to the
 //! system; an error that a hook returns is what the call at that place would have returned. From outside:
 //! `PRELIGHT_FAULT=segment_renamed` (or `segment_renamed:3` for the third time) aborts the process there, as kill -9 would, and
@@ -7,75 +10,39 @@
 //! write, fsync, rename, link, readdir, stat, touch, unlink, rmdir, lock, or `*`; errors: ENOSPC, EDQUOT, EIO, EMFILE, EROFS, ESTALE,
 //! ENOENT). A last `:NAME` restricts it to paths that contain NAME.
 
-use std::cell::RefCell;
-use std::io;
-use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock};
+#[cfg(feature = "fault-injection")]
+pub use injection::{CallHook, FaultHook, with_call_hook};
+#[cfg(feature = "fault-injection")]
+pub(crate) use injection::{Faults, before};
+#[cfg(not(feature = "fault-injection"))]
+pub(crate) use none::{Faults, before};
 
-/// Called before every call to the system with the call's name and path; an error is what the call then returns.
-pub type CallHook = Arc<dyn Fn(&'static str, &Path) -> io::Result<()> + Send + Sync>;
+#[cfg(feature = "fault-injection")]
+mod injection;
 
-thread_local! {
-    static CALL_HOOK: RefCell<Option<CallHook>> = const { RefCell::new(None) };
-}
+/// What there is without the feature.
+#[cfg(not(feature = "fault-injection"))]
+mod none {
+    use super::FaultPoint;
+    use std::io;
+    use std::path::Path;
 
-/// Runs `run` with `hook` seeing every call to the system that this thread makes in it.
-pub fn with_call_hook<T>(hook: CallHook, run: impl FnOnce() -> T) -> T {
-    struct Restore(Option<CallHook>);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            CALL_HOOK.set(self.0.take());
-        }
-    }
-    let _restore = Restore(CALL_HOOK.replace(Some(hook)));
-    run()
-}
-
-/// A call to the system is about to be made.
-pub(crate) fn before(call: &'static str, path: &Path) -> io::Result<()> {
-    if let Some(fault) = env_fault() {
-        fault.before(call, path)?;
-    }
-    // A hook that calls the system itself is not called again.
-    let Some(hook) = CALL_HOOK.take() else { return Ok(()) };
-    let result = hook(call, path);
-    CALL_HOOK.set(Some(hook));
-    result
-}
-
-/// `os:CALL:ERROR[:N[:NAME]]` of the environment.
-struct EnvFault {
-    call: String,
-    errno: i32,
-    first: u64,
-    name: String,
-    seen: AtomicU64,
-}
-
-impl EnvFault {
-    fn parse(text: &str) -> Option<Self> {
-        const ERRNOS: [(&str, i32); 7] =
-            [("ENOSPC", 28), ("EDQUOT", 122), ("EIO", 5), ("EMFILE", 24), ("EROFS", 30), ("ESTALE", 116), ("ENOENT", 2)];
-        let mut parts = text.strip_prefix("os:")?.splitn(4, ':');
-        let (call, errno) = (parts.next()?.to_string(), parts.next()?);
-        let errno = ERRNOS.iter().find(|(name, _)| *name == errno)?.1;
-        let first = parts.next().map_or(Some(1), |n| n.parse().ok())?;
-        Some(EnvFault { call, errno, first, name: parts.next().unwrap_or_default().to_string(), seen: AtomicU64::new(0) })
-    }
-
-    fn before(&self, call: &str, path: &Path) -> io::Result<()> {
-        let meant = (self.call == "*" || self.call == call) && (self.name.is_empty() || path.to_string_lossy().contains(&self.name));
-        if meant && self.seen.fetch_add(1, Ordering::Relaxed) + 1 >= self.first {
-            return Err(io::Error::from_raw_os_error(self.errno));
-        }
+    pub(crate) fn before(_call: &'static str, _path: &Path) -> io::Result<()> {
         Ok(())
     }
-}
 
-fn env_fault() -> Option<&'static EnvFault> {
-    static FAULT: OnceLock<Option<EnvFault>> = OnceLock::new();
-    FAULT.get_or_init(|| EnvFault::parse(&std::env::var("PRELIGHT_FAULT").ok()?)).as_ref()
+    #[derive(Clone, Default)]
+    pub(crate) struct Faults;
+
+    impl Faults {
+        pub fn armed(self) -> Self {
+            self
+        }
+
+        pub fn pass(&self, _point: FaultPoint) -> io::Result<()> {
+            Ok(())
+        }
+    }
 }
 
 macro_rules! fault_points {
@@ -157,33 +124,4 @@ fault_points! {
     TempRemoved = "temp_removed",
     /// The sweep is about to return.
     SweepDone = "sweep_done",
-}
-
-/// Called at every step; an error stops the publish there.
-pub type FaultHook = Arc<dyn Fn(FaultPoint) -> io::Result<()> + Send + Sync>;
-
-#[derive(Clone, Default)]
-pub(crate) struct Faults {
-    hook: Option<FaultHook>,
-    abort_at: Option<(Arc<str>, Arc<AtomicU64>)>,
-}
-
-impl Faults {
-    pub fn new(hook: Option<FaultHook>) -> Self {
-        let abort_at = std::env::var("PRELIGHT_FAULT").ok().map(|text| {
-            let (name, times) = text.split_once(':').unwrap_or((&text, "1"));
-            (Arc::from(name), Arc::new(AtomicU64::new(times.parse().unwrap_or(1))))
-        });
-        Faults { hook, abort_at }
-    }
-
-    pub fn pass(&self, point: FaultPoint) -> io::Result<()> {
-        if let Some((name, left)) = &self.abort_at
-            && **name == *point.name()
-            && left.fetch_sub(1, Ordering::Relaxed) == 1
-        {
-            std::process::abort();
-        }
-        self.hook.as_ref().map_or(Ok(()), |hook| hook(point))
-    }
 }

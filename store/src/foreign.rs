@@ -42,8 +42,9 @@ fn folder(dir: &RootedPath, path: &str, levels: u32, found: &mut Vec<(String, &'
         let below = format!("{path}/{}", name.to_string_lossy());
         match kind {
             Kind::File => {}
+            Kind::Folder if is_a_files_name(&below) => found.push((below, kind.words())),
             Kind::Folder if levels > 0 => folder(dir, &below, levels - 1, found)?,
-            Kind::Folder if !is_a_files_name(&below) => {}
+            Kind::Folder => {}
             kind => found.push((below, kind.words())),
         }
     }
@@ -51,7 +52,11 @@ fn folder(dir: &RootedPath, path: &str, levels: u32, found: &mut Vec<(String, &'
 }
 
 fn is_a_files_name(path: &str) -> bool {
+    let swept = path.strip_prefix("trash/").and_then(|path| path.split_once('/')).map(|(_, path)| path);
+    let is_temp = path
+        .strip_prefix("tmp/")
+        .is_some_and(|name| names::is_temp_file(name) || name.split_once('/').is_some_and(|(_, name)| names::is_in_temp_folder(name)));
     let is_lease = path.strip_prefix("leases/").is_some_and(names::is_unique);
     let is_bad = path.strip_prefix("bad/").is_some_and(names::is_bad_record);
-    is_lease || is_bad || names::is_final(path)
+    is_temp || is_lease || is_bad || names::is_final(swept.unwrap_or(path))
 }

@@ -4,6 +4,7 @@
 
 use crate::StoreError;
 use crate::aligned::AlignedBytes;
+use crate::budget::Budget;
 use crate::chunk::digest_of;
 use crate::header::ChunkHeader;
 use prelight_manifests::{Descriptor, Digest};
@@ -159,12 +160,12 @@ pub(crate) fn verify_raw(header: &ChunkHeader, stored: &[u8]) -> Result<(), Faul
     if digest_of(stored) == header.digest { Ok(()) } else { Err(Fault::Corrupt("its bytes do not have its digest")) }
 }
 
-/// Decodes compressed bytes into a buffer of the declared length, which `header` has bounded, and verifies both sides.
-pub(crate) fn decode_zstd(header: &ChunkHeader, stored: &[u8]) -> Result<AlignedBytes, Fault> {
+/// Decodes compressed bytes into a buffer of the declared length, which `header` has bounded and `budget` has room for, and verifies both sides.
+pub(crate) fn decode_zstd(header: &ChunkHeader, stored: &[u8], budget: &Budget) -> Result<AlignedBytes, Fault> {
     if digest_of(stored) != header.stored_digest {
         return Err(Fault::Corrupt("its compressed bytes do not have their digest"));
     }
-    let mut plain = AlignedBytes::zeroed(header.plain_bytes).ok_or(Fault::Memory { bytes: header.plain_bytes })?;
+    let mut plain = AlignedBytes::charged(header.plain_bytes, budget).ok_or(Fault::Memory { bytes: header.plain_bytes })?;
     let written = decompress(stored, plain.as_mut())?;
     if written as u64 != header.plain_bytes || digest_of(plain.as_ref()) != header.digest {
         return Err(Fault::Corrupt("its decoded bytes do not have its digest"));
@@ -199,7 +200,7 @@ mod tests {
         let zeros = vec![0u8; 5000];
         let (header, stored) = encode(&zeros, digest_of(&zeros), FormChoice::Auto);
         assert_eq!(header.form, Form::Zstd);
-        assert_eq!(decode_zstd(&header, &stored.unwrap()).unwrap().as_ref(), zeros);
+        assert_eq!(decode_zstd(&header, &stored.unwrap(), &Budget::default()).unwrap().as_ref(), zeros);
 
         let noise: Vec<u8> = blake3::Hasher::new().finalize_xof().take_bytes(5000);
         assert_eq!(encode(&noise, digest_of(&noise), FormChoice::Auto).0.form, Form::Raw);
@@ -214,7 +215,7 @@ mod tests {
         let stored = stored.unwrap();
         for plain_bytes in [299_999, 300_001] {
             let lying = ChunkHeader { plain_bytes, ..header };
-            assert!(matches!(decode_zstd(&lying, &stored), Err(Fault::Corrupt(_))), "{plain_bytes}");
+            assert!(matches!(decode_zstd(&lying, &stored, &Budget::default()), Err(Fault::Corrupt(_))), "{plain_bytes}");
         }
     }
 

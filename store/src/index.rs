@@ -1,11 +1,13 @@
 //! Digest -> pack and entry, for all packs of a store, in one sorted table.
 
+use crate::aligned::AlignedBytes;
 use crate::map::Map;
 use crate::os::{self, RootedPath};
 use crate::pack::{self, PACK_LINE_BYTES, PackEntry, PackFoot};
 use crate::{StoreError, bad::BadList};
 use prelight_manifests::Digest;
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
@@ -35,18 +37,18 @@ impl PackFile {
     /// The entries of a pack at any path; `None` when it is not there.
     pub fn read_entries(path: &RootedPath) -> Result<Option<(Vec<PackEntry>, Option<&'static str>)>, StoreError> {
         let Some((mut file, bytes)) = os::open_sized(path)? else { return Ok(None) };
-        let indexed = Self::read_index(&mut file, path, bytes)?;
-        Ok(Some(match indexed {
-            Ok(entries) => (entries, None),
-            // Whole file in memory: rare, and bounded by the bytes that are there.
-            Err(what) => match os::read_aligned(path, 0, bytes)? {
-                Some(pack) => (pack::scan(pack.as_ref()), Some(what)),
-                None => (Vec::new(), Some(what)),
-            },
+        Ok(Some(match Self::read_index(&mut file, path, bytes)? {
+            Ok((entries, _)) => (entries, None),
+            Err(what) => (Self::scan(&mut file, path, bytes), Some(what)),
         }))
     }
 
-    fn read_index(file: &mut std::fs::File, path: &RootedPath, bytes: u64) -> Result<Result<Vec<PackEntry>, &'static str>, StoreError> {
+    /// The entries by the index of an open pack, and the name that its foot gives it.
+    pub fn read_index(
+        file: &mut File,
+        path: &RootedPath,
+        bytes: u64,
+    ) -> Result<Result<(Vec<PackEntry>, Digest), &'static str>, StoreError> {
         let mut line = [0; PACK_LINE_BYTES];
         if !os::read_at(file, path, 0, &mut line)? {
             return Ok(Err("it is too short for a pack"));
@@ -62,13 +64,36 @@ impl PackFile {
             Err(what) => return Ok(Err(what)),
         };
         let (offset, len) = foot.index();
-        let mut index = vec![0; len as usize]; // at most the file's own length: PackFoot::decode
-        if !os::read_at(file, path, offset, &mut index)? {
+        // At most the file's own length (PackFoot::decode), of which a hole takes no space on disk.
+        let Some(mut index) = AlignedBytes::zeroed(len) else { return Ok(Err("its index does not fit into memory")) };
+        if !os::read_at(file, path, offset, index.as_mut())? {
             return Ok(Err("it is cut inside its index"));
         }
-        Ok(foot.entries(&index))
+        Ok(foot.entries(index.as_ref()).map(|entries| (entries, foot.name())))
+    }
+
+    /// The entries of an open pack by the headers of its chunks, as far as it can be read; see [`MAX_SCAN`].
+    pub fn scan(file: &mut File, path: &RootedPath, bytes: u64) -> Vec<PackEntry> {
+        let (mut window, mut start) = (Vec::new(), 0);
+        pack::scan_with(bytes.min(MAX_SCAN), |offset| {
+            let inside = |window: &[u8], start: u64| window.get(offset.checked_sub(start)? as usize..)?.first_chunk().copied();
+            if let Some(header) = inside(&window, start) {
+                return Some(header);
+            }
+            start = offset;
+            window.resize(usize::try_from(bytes - offset).unwrap_or(SCAN_WINDOW).min(SCAN_WINDOW), 0);
+            os::read_at(file, path, start, &mut window).ok().filter(|whole| *whole)?;
+            inside(&window, start)
+        })
     }
 }
+
+/// How far a damaged pack is looked through: much more than a shard has, and little enough to be done in a moment, since a file's length costs
+/// nothing where it has a hole.
+const MAX_SCAN: u64 = 1 << 30;
+
+/// Bytes read at a time.
+const SCAN_WINDOW: usize = 1 << 20;
 
 /// A chunk in a pack.
 #[derive(Clone)]

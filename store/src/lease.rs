@@ -53,17 +53,15 @@ impl Lease {
                 Ok(Some(lease)) => return Ok(lease),
                 // A sweep with next to no grace took the temporary file for a dead writer's. Nothing was relied on yet.
                 Ok(None) => {}
-                Err(error) => {
-                    os::remove_temp_file(&temp);
-                    return Err(error);
-                }
+                // What may be left under the temporary name has one that nobody else makes; a sweep removes it.
+                Err(error) => return Err(error),
             }
         }
     }
 
     /// `None` when the temporary file has gone.
     fn publish(temp: &RootedPath, path: &RootedPath) -> Result<Option<Self>, StoreError> {
-        let mut file = os::open_or_create(temp)?;
+        let mut file = os::create(temp)?;
         // The start is the time of an empty file, so it is before everything that happens under the lease.
         let start = os::metadata(temp)?.map_or(0, |metadata| os::modified(&metadata));
         let _ = os::try_lock(&file, temp); // where it cannot be locked, the signs of life count

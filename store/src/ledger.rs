@@ -10,7 +10,9 @@
 //!
 //! Kind and dtype are written by their names in manifests, so a record of a newer prelight parses and is simply no hit.
 
+use crate::StoreError;
 use crate::header::{STORE_FORMAT, digest_at, u32_at, u64_at};
+use crate::os::{self, RootedPath};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
@@ -127,6 +129,20 @@ pub(crate) fn encode_segment(records: &[Vec<u8>]) -> (Vec<u8>, Digest) {
 fn segment_check(segment: &[u8]) -> Digest {
     Digest(*blake3::Hasher::new().update(&segment[..32]).update(&segment[HEAD..]).finalize().as_bytes())
 }
+
+/// Bytes of a segment's file; `None` when there is none. What its head and its length say must agree before the rest is read, so that a file of any
+/// length costs no more than a segment.
+pub(crate) fn read_file(path: &RootedPath) -> Result<Option<Vec<u8>>, StoreError> {
+    let Some((mut file, bytes)) = os::open_sized(path)? else { return Ok(None) };
+    let mut head = [0; HEAD];
+    if !os::read_at(&mut file, path, 0, &mut head)? || &head[..8] != MAGIC || u64_at(&head, 16).checked_add(HEAD as u64) != Some(bytes) {
+        return Ok(Some(head.to_vec())); // which does not parse
+    }
+    os::read_small(path, MAX_SEGMENT)
+}
+
+/// Segments longer than this are not ours.
+const MAX_SEGMENT: u64 = u32::MAX as u64;
 
 /// The digest that names a segment which [`parse_segment`] accepts.
 pub(crate) fn segment_name(segment: &[u8]) -> Digest {

@@ -28,6 +28,7 @@
 //! needs. `zstd` (C, reads and writes) or `ruzstd` (Rust, reads) decodes compressed chunks.
 
 mod aligned;
+pub mod budget;
 pub mod chunk;
 pub mod error;
 pub mod form;
@@ -68,6 +69,8 @@ mod publish;
 #[cfg(feature = "fs")]
 pub mod put;
 #[cfg(feature = "fs")]
+pub mod put_back;
+#[cfg(feature = "fs")]
 mod reach;
 #[cfg(feature = "fs")]
 mod read;
@@ -85,6 +88,7 @@ pub mod store;
 pub mod sweep;
 
 pub use aligned::CHUNK_ALIGN;
+pub use budget::Budget;
 pub use chunk::{Chunk, ChunkSource, SharedBytes, digest_of};
 pub use error::StoreError;
 pub use form::{Form, FormChoice};
@@ -97,11 +101,15 @@ pub use check::{CheckOptions, CheckReport, Finding};
 #[cfg(feature = "fs")]
 pub use doctor::Doctor;
 #[cfg(feature = "fs")]
-pub use fault::{CallHook, FaultHook, FaultPoint, with_call_hook};
+pub use fault::FaultPoint;
+#[cfg(all(feature = "fs", feature = "fault-injection"))]
+pub use fault::{CallHook, FaultHook, with_call_hook};
 #[cfg(feature = "fs")]
 pub use ledger::{MAX_RECORD_DATA, Record};
 #[cfg(feature = "fs")]
 pub use put::{CommitReport, OBJECT_BYTES, ShardWriter};
+#[cfg(feature = "fs")]
+pub use put_back::PutBack;
 #[cfg(feature = "fs")]
 pub use repair::RepairReport;
 #[cfg(feature = "fs")]

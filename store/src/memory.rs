@@ -1,20 +1,25 @@
 //! Chunks from bytes in memory: packs embedded in a program, and chunks put there by tests.
 
 use crate::aligned::{AlignedBytes, is_aligned};
+use crate::budget::Decoded;
 use crate::chunk::SharedBytes;
 use crate::form::{decode_zstd, expect_header, verify_raw};
 use crate::header::CHUNK_HEADER_BYTES;
 use crate::pack::{self, PackEntry};
-use crate::{Chunk, ChunkSource, Form, StoreError, digest_of};
+use crate::{Budget, Chunk, ChunkSource, Form, StoreError, digest_of};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A [`ChunkSource`] over packs and chunks in memory; needs no file system.
 ///
-/// Raw chunks of a pack whose bytes are 64-byte aligned are handed out without a copy; from an unaligned pack each is copied on every call.
-#[derive(Default)]
+/// Raw chunks of a pack whose bytes are 64-byte aligned are handed out without a copy; what is compressed or unaligned is decoded or copied, once
+/// as long as somebody has it. What that takes together is bounded: by 64 times the bytes of the packs and 64 MiB besides, or by a budget.
 pub struct MemorySource {
+    budget: Budget,
+    /// No budget was given: each pack adds to it.
+    budget_grows: bool,
+    decoded: Decoded,
     packs: Vec<MemoryPack>,
     packed: BTreeMap<Digest, (usize, usize)>,
     loose: BTreeMap<Digest, Chunk>,
@@ -41,10 +46,33 @@ impl PackBytes {
     }
 }
 
+/// What a source may hold decoded besides, and for each byte of its packs. A small chunk has 192 bytes of header and index, so chunks of a few KiB never
+/// come near the second; the first is for a large texture of one colour. A frame of zstd can claim 32,768 times its bytes.
+const FREE_BYTES: u64 = 64 << 20;
+const BYTES_PER_BYTE: u64 = 64;
+
+impl Default for MemorySource {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl MemorySource {
     /// A source without chunks.
     pub fn new() -> Self {
-        Self::default()
+        MemorySource { budget_grows: true, ..Self::with_budget(Budget::new(FREE_BYTES)) }
+    }
+
+    /// A source without chunks, whose decoded chunks take so much together and no more.
+    pub fn with_budget(budget: Budget) -> Self {
+        MemorySource {
+            budget,
+            budget_grows: false,
+            decoded: Decoded::default(),
+            packs: Vec::new(),
+            packed: BTreeMap::new(),
+            loose: BTreeMap::new(),
+        }
     }
 
     /// Adds a pack that is part of the program (`include_bytes!` in a 64-byte-aligned wrapper). `name` stands in errors.
@@ -76,6 +104,9 @@ impl MemorySource {
     fn add(&mut self, name: &str, bytes: PackBytes) -> Result<(), StoreError> {
         let entries = pack::parse(bytes.get()).map_err(|what| StoreError::Pack { name: name.to_string(), what: what.to_string() })?;
         let number = self.packs.len();
+        if self.budget_grows {
+            self.budget.raise((bytes.get().len() as u64).saturating_mul(BYTES_PER_BYTE));
+        }
         for (i, entry) in entries.iter().enumerate() {
             self.packed.entry(entry.digest).or_insert((number, i));
         }
@@ -111,7 +142,7 @@ impl MemorySource {
 }
 
 impl MemoryPack {
-    fn chunk(&self, i: usize, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
+    fn chunk(&self, i: usize, descriptor: &Descriptor, budget: &Budget) -> Result<Chunk, StoreError> {
         let entry = &self.entries[i];
         let (start, end) = (entry.range().start as usize, entry.range().end as usize);
         let whole = &self.bytes.get()[start..end];
@@ -122,14 +153,16 @@ impl MemoryPack {
                 return Err(crate::form::Fault::Corrupt("its header and the pack's index disagree"));
             }
             if header.form == Form::Zstd {
-                return Ok(Chunk::owned(decode_zstd(&header, stored)?));
+                return Ok(Chunk::owned(decode_zstd(&header, stored, budget)?));
             }
             if !self.verified[i].load(Ordering::Acquire) {
                 verify_raw(&header, stored)?;
                 self.verified[i].store(true, Ordering::Release);
             }
             if !is_aligned(stored) {
-                let copy = AlignedBytes::copy(stored).ok_or(crate::form::Fault::Memory { bytes: stored.len() as u64 })?;
+                let bytes = stored.len() as u64;
+                let mut copy = AlignedBytes::charged(bytes, budget).ok_or(crate::form::Fault::Memory { bytes })?;
+                copy.as_mut().copy_from_slice(stored);
                 return Ok(Chunk::owned(copy));
             }
             Ok(match &self.bytes {
@@ -150,6 +183,11 @@ impl ChunkSource for MemorySource {
         }
         let missing = || StoreError::Missing { digest: descriptor.digest, place: "the packs in memory".to_string() };
         let &(pack, entry) = self.packed.get(&descriptor.digest).ok_or_else(missing)?;
-        self.packs[pack].chunk(entry, descriptor)
+        if let Some(chunk) = self.decoded.get(&descriptor.digest).filter(|chunk| chunk.len() as u64 == descriptor.bytes) {
+            return Ok(chunk);
+        }
+        let chunk = self.packs[pack].chunk(entry, descriptor, &self.budget)?;
+        self.decoded.note(descriptor.digest, &chunk);
+        Ok(chunk)
     }
 }

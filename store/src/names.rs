@@ -37,6 +37,22 @@ pub(crate) fn is_temp_file(name: &str) -> bool {
     [".json", ".lease"].iter().any(|ending| name.strip_suffix(ending).is_some_and(is_unique))
 }
 
+/// A note that is being written, of a check in the store's folder or of a corrupt place in `bad/`.
+pub(crate) fn is_note_part(name: &str) -> bool {
+    name.strip_suffix(".part").is_some_and(|name| is_unique(name.strip_prefix("verify.state.").unwrap_or(name)))
+}
+
+/// The name under which a pack is written that will be called `name`.
+pub(crate) fn pack_part(name: &str) -> String {
+    format!(".{name}.{}.part", crate::os::unique_name())
+}
+
+/// Whether that is what a writer of `name` was writing.
+pub(crate) fn is_pack_part(part: &str, name: &str) -> bool {
+    let unique = part.strip_prefix('.').and_then(|part| part.strip_prefix(name)).and_then(|part| part.strip_prefix('.'));
+    unique.and_then(|part| part.strip_suffix(".part")).is_some_and(is_unique)
+}
+
 /// A file in a writer's folder in `tmp/`.
 pub(crate) fn is_in_temp_folder(name: &str) -> bool {
     ["pack", "segment", "root"].contains(&name) || name.starts_with(PROBE) || name.parse::<Digest>().is_ok()
@@ -72,6 +88,14 @@ mod tests {
             assert!(!is_final(file), "{file}");
         }
         assert!(is_unique(&crate::os::unique_name()) && !is_unique("home") && !is_unique(&digest));
+        assert!(
+            is_pack_part(&pack_part("room.prelight"), "room.prelight") && !is_pack_part(&pack_part("a.room.prelight"), "room.prelight")
+        );
+        assert!(
+            is_note_part(&format!("verify.state.{}.part", crate::os::unique_name()))
+                && !is_note_part("verify.state")
+                && !is_note_part("x.part")
+        );
         assert!(is_in_temp_folder("pack") && is_in_temp_folder(&digest) && !is_in_temp_folder("thesis.tex"));
         assert!(is_bad_record(&format!("{digest}-64-0123.txt")) && !is_bad_record("notes.txt") && !is_bad_record("my-notes.txt"));
     }

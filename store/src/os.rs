@@ -16,6 +16,8 @@ pub(crate) use crate::rooted::RootedPath;
 use at as system;
 #[cfg(not(unix))]
 use by_path as system;
+#[cfg(target_os = "linux")]
+pub(crate) use machine::memory;
 pub(crate) use machine::{file_system, free_space, is_network};
 use std::ffi::OsString;
 use std::fs::{File, TryLockError};
@@ -68,6 +70,8 @@ pub(crate) struct Metadata {
     kind: Kind,
     len: u64,
     modified: FileTime,
+    /// When anything about it changed last, which nobody can set; where the system has no such time, as `modified`.
+    changed: FileTime,
 }
 
 impl Metadata {
@@ -77,6 +81,10 @@ impl Metadata {
 
     pub fn len(&self) -> u64 {
         self.len
+    }
+
+    pub fn changed(&self) -> FileTime {
+        self.changed
     }
 }
 
@@ -247,12 +255,18 @@ pub(crate) fn link_new(from: &RootedPath, to: &RootedPath) -> Result<bool, Store
 
 /// Whole file when it has at most `limit` bytes; `None` when there is none.
 pub(crate) fn read_small(path: &RootedPath, limit: u64) -> Result<Option<Vec<u8>>, StoreError> {
-    let Some(file) = open_if_there(path)? else { return Ok(None) };
+    let Some((file, file_bytes)) = open_sized(path)? else { return Ok(None) };
     let mut bytes = Vec::new();
-    before("read", path).and_then(|()| file.take(limit + 1).read_to_end(&mut bytes)).map_err(fail("read", path))?;
-    if bytes.len() as u64 > limit {
-        let source = io::Error::new(ErrorKind::FileTooLarge, "longer than any such file can be");
-        return Err(StoreError::Io { action: "read", path: path.to_path_buf(), source });
+    if file_bytes <= limit {
+        before("read", path).and_then(|()| file.take(limit + 1).read_to_end(&mut bytes)).map_err(fail("read", path))?;
+    }
+    if file_bytes.max(bytes.len() as u64) > limit {
+        let what = format!("it is longer than the {limit} bytes that such a file can have");
+        return Err(StoreError::Damaged {
+            file: path.to_path_buf(),
+            what,
+            help: "take it out of the store's folder, or run `prelight repair`",
+        });
     }
     Ok(Some(bytes))
 }

@@ -166,18 +166,24 @@ pub fn parse(pack: &[u8]) -> Result<Vec<PackEntry>, &'static str> {
 /// The entries of a whole pack in memory, from the chunk headers alone: what is left of a damaged pack. Ascending digests; of two chunks with
 /// the same digest the first counts. A damaged header loses its own chunk only: the next one is found at a multiple of 64 bytes.
 pub fn scan(pack: &[u8]) -> Vec<PackEntry> {
+    scan_with(pack.len() as u64, |offset| pack[offset as usize..].first_chunk().copied())
+}
+
+/// As [`scan`], of `len` bytes of which `header_at` gives those that a header at an offset would have.
+pub(crate) fn scan_with(len: u64, mut header_at: impl FnMut(u64) -> Option<[u8; CHUNK_HEADER_BYTES]>) -> Vec<PackEntry> {
     let mut entries = Vec::new();
-    let mut offset = 0usize;
-    while let Some(rest) = pack.get(offset..).filter(|rest| rest.len() >= CHUNK_HEADER_BYTES) {
-        let next = match ChunkHeader::decode(rest) {
-            Ok(header) if header.stored_bytes <= (rest.len() - CHUNK_HEADER_BYTES) as u64 => {
+    let mut offset = 0;
+    while let Some(left) = len.checked_sub(offset).and_then(|left| left.checked_sub(CHUNK_HEADER_BYTES as u64)) {
+        let Some(header) = header_at(offset) else { break };
+        let next = match ChunkHeader::decode(&header) {
+            Ok(header) if header.stored_bytes <= left => {
                 let ChunkHeader { form, plain_bytes, stored_bytes, digest, .. } = header;
-                entries.push(PackEntry { digest, offset: offset as u64, plain_bytes, stored_bytes, form });
-                round_up(stored_bytes).map(|stored| stored as usize + CHUNK_HEADER_BYTES)
+                entries.push(PackEntry { digest, offset, plain_bytes, stored_bytes, form });
+                round_up(stored_bytes).map(|stored| stored + CHUNK_HEADER_BYTES as u64)
             }
             _ => None,
         };
-        offset += next.unwrap_or(CHUNK_ALIGN);
+        offset += next.unwrap_or(CHUNK_ALIGN as u64);
     }
     entries.sort_by_key(|entry| (entry.digest, entry.offset));
     entries.dedup_by_key(|entry| entry.digest);

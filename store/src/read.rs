@@ -2,12 +2,13 @@
 
 use crate::aligned::AlignedBytes;
 use crate::bad::BadChunk;
+use crate::check::open_object;
 use crate::form::{Fault, decode_zstd, expect_header, verify_raw};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::index::Place;
 use crate::map::Map;
 use crate::store::Inner;
-use crate::{Chunk, ChunkSource, Form, Store, StoreError, os};
+use crate::{Budget, Chunk, ChunkSource, Form, Store, StoreError, os};
 use prelight_manifests::Descriptor;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -24,7 +25,14 @@ pub(crate) struct ObjectMap {
 
 impl ChunkSource for Store {
     fn chunk(&self, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
-        self.inner.chunk(descriptor)
+        if let Some(chunk) = self.inner.decoded.get(&descriptor.digest)
+            && chunk.len() as u64 == descriptor.bytes
+        {
+            return Ok(chunk);
+        }
+        let chunk = self.inner.chunk(descriptor)?;
+        self.inner.decoded.note(descriptor.digest, &chunk);
+        Ok(chunk)
     }
 }
 
@@ -100,7 +108,7 @@ impl Inner {
         let at = |fault: Fault| fault.at(descriptor, &pack.name, entry.offset);
         let range = entry.range();
         if let Some(map) = pack.map.get_or_init(|| if self.use_maps { map_file(&pack.path) } else { None }) {
-            match read_mapped(map, range.start, entry.stored_bytes, descriptor, &pack.verified[place.entry]) {
+            match read_mapped(map, range.start, entry.stored_bytes, descriptor, &pack.verified[place.entry], &self.budget) {
                 // Once more from the file before a good chunk is condemned for a bad moment of memory.
                 Err(Fault::Corrupt(_)) => {}
                 result => return result.map(Some).map_err(at),
@@ -110,7 +118,7 @@ impl Inner {
             return Ok(None);
         }
         let bytes = os::read_aligned(&pack.path, range.start, range.end - range.start)?;
-        read_owned(bytes, entry.stored_bytes, descriptor).map(Some).map_err(at)
+        read_owned(bytes, entry.stored_bytes, descriptor, &self.budget).map(Some).map_err(at)
     }
 
     fn read_object(&self, descriptor: &Descriptor) -> Result<Option<Chunk>, StoreError> {
@@ -132,7 +140,7 @@ impl Inner {
         };
         if let Some(object) = object {
             let stored_bytes = (object.map.len() - CHUNK_HEADER_BYTES) as u64;
-            match read_mapped(&object.map, 0, stored_bytes, descriptor, &object.verified) {
+            match read_mapped(&object.map, 0, stored_bytes, descriptor, &object.verified, &self.budget) {
                 Err(Fault::Corrupt(_)) => {}
                 result => {
                     let chunk = result.map_err(at)?;
@@ -144,9 +152,13 @@ impl Inner {
                 }
             }
         }
-        let Some((_, bytes)) = os::open_sized(&path)? else { return Ok(None) };
-        let whole = os::read_aligned(&path, 0, bytes)?;
-        read_owned(whole, bytes.saturating_sub(CHUNK_HEADER_BYTES as u64), descriptor).map(Some).map_err(at)
+        // The header first: a file may be of any length and hold nothing.
+        let (mut file, bytes) = match open_object(&path, &digest)? {
+            None => return Ok(None),
+            Some(opened) => opened.map_err(|what| at(Fault::Corrupt(what)))?,
+        };
+        let whole = os::read_aligned_from(&mut file, &path, bytes, 0..bytes)?;
+        read_owned(whole, bytes.saturating_sub(CHUNK_HEADER_BYTES as u64), descriptor, &self.budget).map(Some).map_err(at)
     }
 }
 
@@ -178,14 +190,21 @@ fn expect_stored(bytes: &[u8], stored_bytes: u64, descriptor: &Descriptor) -> Re
     }
 }
 
-fn read_mapped(map: &Arc<Map>, offset: u64, stored_bytes: u64, descriptor: &Descriptor, verified: &AtomicBool) -> Result<Chunk, Fault> {
+fn read_mapped(
+    map: &Arc<Map>,
+    offset: u64,
+    stored_bytes: u64,
+    descriptor: &Descriptor,
+    verified: &AtomicBool,
+    budget: &Budget,
+) -> Result<Chunk, Fault> {
     let start = usize::try_from(offset).unwrap_or(usize::MAX);
     let whole = map.get(start..).and_then(|rest| rest.get(..CHUNK_HEADER_BYTES.checked_add(usize::try_from(stored_bytes).ok()?)?));
     let whole = whole.ok_or(Fault::Corrupt("the file is cut short"))?;
     let header = expect_stored(whole, stored_bytes, descriptor)?;
     let stored = &whole[CHUNK_HEADER_BYTES..];
     if header.form == Form::Zstd {
-        return decode_zstd(&header, stored).map(Chunk::owned);
+        return decode_zstd(&header, stored, budget).map(Chunk::owned);
     }
     if !verified.load(Ordering::Acquire) {
         verify_raw(&header, stored)?;
@@ -195,12 +214,12 @@ fn read_mapped(map: &Arc<Map>, offset: u64, stored_bytes: u64, descriptor: &Desc
     Ok(Chunk::mapped(map.clone(), payload..payload + stored.len()))
 }
 
-fn read_owned(bytes: Option<AlignedBytes>, stored_bytes: u64, descriptor: &Descriptor) -> Result<Chunk, Fault> {
+fn read_owned(bytes: Option<AlignedBytes>, stored_bytes: u64, descriptor: &Descriptor, budget: &Budget) -> Result<Chunk, Fault> {
     let bytes = bytes.ok_or(Fault::Corrupt("the file is cut short"))?;
     let header = expect_stored(bytes.as_ref(), stored_bytes, descriptor)?;
     let stored = &bytes.as_ref()[CHUNK_HEADER_BYTES..];
     if header.form == Form::Zstd {
-        return decode_zstd(&header, stored).map(Chunk::owned);
+        return decode_zstd(&header, stored, budget).map(Chunk::owned);
     }
     verify_raw(&header, stored)?;
     Ok(Chunk::owned_from(bytes, CHUNK_HEADER_BYTES))

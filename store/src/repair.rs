@@ -11,10 +11,10 @@
 //!
 //! Nothing is deleted. Right chunks are durable in their new place before the old one goes, so a repair that is killed can be run again.
 
-use crate::check::{Finding, verify_chunk};
-use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
+use crate::check::{Finding, plain_bytes};
+use crate::index::PackFile;
 use crate::store::Inner;
-use crate::{Form, Store, StoreError, names, os, pack};
+use crate::{Store, StoreError, names, os};
 use prelight_manifests::{ChunkKind, Digest, Dtype};
 use std::collections::BTreeMap;
 
@@ -98,37 +98,22 @@ impl Store {
             self.forget_pack(file);
             return self.move_to_bad(file, report);
         };
-        let Some((_, bytes)) = opened else { return Ok(()) };
-        let whole = os::read_aligned(&path, 0, bytes).ok().flatten();
+        let Some((mut opened, bytes)) = opened else { return Ok(()) };
         self.forget_pack(file);
-        if let Some(whole) = whole {
-            let whole = whole.as_ref();
-            let mut writer = self.writer();
-            for entry in pack::scan(whole) {
-                let range = entry.range();
-                let chunk = &whole[range.start as usize..range.end as usize];
-                if verify_chunk(&entry.digest, chunk).is_err() {
-                    continue;
-                }
-                let header = ChunkHeader::decode(chunk).expect("verified above");
-                let stored = &chunk[CHUNK_HEADER_BYTES..];
-                let plain = match header.form {
-                    Form::Raw => stored.to_vec(),
-                    Form::Zstd => match crate::form::decode_zstd(&header, stored) {
-                        Ok(plain) => plain.as_ref().to_vec(),
-                        Err(_) => continue,
-                    },
-                };
+        let mut writer = self.writer();
+        for entry in PackFile::scan(&mut opened, &path, bytes) {
+            let Ok(Some(chunk)) = os::read_aligned_from(&mut opened, &path, bytes, entry.range()) else { continue };
+            if let Some(plain) = plain_bytes(&entry.digest, chunk.as_ref()) {
                 writer.put(ChunkKind::Names, Dtype::U8, Vec::new(), &plain)?; // only its bytes are kept
                 report.saved += 1;
             }
-            // The new pack may have the old one's name: then it takes its place by the rename, and nothing is left to move.
-            let before = os::metadata(&path)?.map(|metadata| (metadata.len(), os::modified(&metadata)));
-            writer.commit()?;
-            let after = os::metadata(&path)?.map(|metadata| (metadata.len(), os::modified(&metadata)));
-            if before != after {
-                return Ok(());
-            }
+        }
+        // The new pack may have the old one's name: then it takes its place by the rename, and nothing is left to move.
+        let before = os::metadata(&path)?.map(|metadata| (metadata.len(), os::modified(&metadata)));
+        writer.commit()?;
+        let after = os::metadata(&path)?.map(|metadata| (metadata.len(), os::modified(&metadata)));
+        if before != after {
+            return Ok(());
         }
         self.forget_pack(&format!("packs/{name}"));
         self.move_to_bad(file, report)

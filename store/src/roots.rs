@@ -7,7 +7,7 @@ use crate::store::Inner;
 use crate::{Chunk, ChunkSource, Store, StoreError, digest_of, os, reach};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 
-const MAX_BYTES: u64 = 4096;
+pub(crate) const MAX_BYTES: u64 = 4096;
 
 /// A sealed asset.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,7 +88,10 @@ impl Store {
         for (name, _) in os::entries(&folder)? {
             let name = name.to_string_lossy();
             let Ok(asset) = name.parse::<Digest>() else { continue };
-            let text = os::if_ours(os::read_small(&folder.join(&*name), MAX_BYTES))?.flatten().unwrap_or_default();
+            let text = match os::read_small(&folder.join(&*name), MAX_BYTES) {
+                Err(error) if error.is_corrupt() => Vec::new(),
+                text => text?.unwrap_or_default(),
+            };
             match Root::parse(&String::from_utf8_lossy(&text)).filter(|root| root.asset == asset) {
                 Some(root) => roots.push(root),
                 None => self.inner.problem(format!("roots/{name} is damaged: seal the asset again by baking it")),

@@ -1,14 +1,15 @@
 //! A store on disk: opening, looking up, and what is wrong with it.
 
 use crate::bad::BadList;
-use crate::fault::{FaultHook, FaultPoint, Faults};
+use crate::budget::Decoded;
+use crate::fault::{FaultPoint, Faults};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::hold::Hold;
 use crate::index::{Index, PackFile, Place};
 use crate::ledger::{Ledger, Record};
 use crate::os::RootedPath;
 use crate::read::ObjectMap;
-use crate::{FormChoice, ShardWriter, StoreError, identity, names, os};
+use crate::{Budget, FormChoice, ShardWriter, StoreError, identity, ledger, names, os};
 use prelight_manifests::{Descriptor, Digest};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
@@ -16,16 +17,14 @@ use std::fmt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, OnceLock, RwLock};
 
-/// Segments longer than this are not ours.
-const MAX_SEGMENT: u64 = u32::MAX as u64;
-
 /// Whether files are mapped or read into memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mapping {
-    /// Mapped on local file systems, read on network ones.
+    /// Mapped on local file systems, read on network ones. Whoever writes to or cuts a file that is mapped ends this process (SIGBUS); prelight
+    /// itself only ever renames one file over another.
     #[default]
     Auto,
-    /// Always read.
+    /// Always read: for folders in which other programs write, and as slow as a copy.
     Never,
 }
 
@@ -35,7 +34,8 @@ pub struct StoreOptions {
     create: bool,
     mapping: Mapping,
     form: FormChoice,
-    hook: Option<FaultHook>,
+    budget: Budget,
+    faults: Faults,
 }
 
 impl StoreOptions {
@@ -62,9 +62,16 @@ impl StoreOptions {
         self
     }
 
+    /// What decoded chunks may take together; a quarter of the machine's memory unless said.
+    pub fn budget(mut self, budget: Budget) -> Self {
+        self.budget = budget;
+        self
+    }
+
     /// For tests: called at every step of the publish path.
-    pub fn fault_hook(mut self, hook: FaultHook) -> Self {
-        self.hook = Some(hook);
+    #[cfg(feature = "fault-injection")]
+    pub fn fault_hook(mut self, hook: crate::fault::FaultHook) -> Self {
+        self.faults.set_hook(hook);
         self
     }
 
@@ -90,6 +97,9 @@ pub(crate) struct Inner {
     pub id: String,
     pub use_maps: bool,
     pub form: FormChoice,
+    pub budget: Budget,
+    /// Chunks in memory of their own that are in use.
+    pub decoded: Decoded,
     faults: Faults,
     pub index: RwLock<Index>,
     pub ledger: RwLock<Ledger>,
@@ -143,7 +153,9 @@ impl Store {
             id,
             use_maps: options.mapping == Mapping::Auto && !os::is_network(dir),
             form: options.form,
-            faults: Faults::new(options.hook),
+            budget: options.budget,
+            decoded: Decoded::default(),
+            faults: options.faults.armed(),
             index: RwLock::default(),
             ledger: RwLock::default(),
             bad: Mutex::new(bad),
@@ -333,7 +345,7 @@ impl Inner {
             if self.ledger.read().expect("no panic under this lock").has_segment(name) {
                 continue;
             }
-            match os::read_small(&folder.join(name), MAX_SEGMENT) {
+            match ledger::read_file(&folder.join(name)) {
                 Ok(Some(bytes)) => segments.push((name.to_string(), bytes)),
                 Ok(None) => {}
                 Err(error) => self.problem(format!("ledger/{name} cannot be read: {error}")),

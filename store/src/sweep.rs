@@ -341,6 +341,18 @@ impl Sweep<'_> {
                 }
             }
         }
+        for folder in [self.inner.dir.clone(), self.place("bad")] {
+            for name in os::list_if_dir(&folder)? {
+                let path = folder.join(&name);
+                let is_old = || Ok(os::metadata(&path)?.is_some_and(|metadata| os::modified(&metadata) < cutoff));
+                if name.to_str().is_some_and(names::is_note_part) && is_old()? {
+                    report.remains += 1;
+                    if !self.options.dry_run {
+                        os::remove_temp_file(&path);
+                    }
+                }
+            }
+        }
         for lease in &leases.dead {
             report.remains += 1;
             if !self.options.dry_run {

@@ -122,6 +122,55 @@ fn a_check_that_is_stopped_goes_on_with_its_findings_and_ends_as_one_that_was_no
     }
 }
 
+/// Damage that is there before a check was stopped, or comes after, or that somebody hides behind a note of their own.
+#[test]
+fn a_note_is_not_believed_over_bytes_that_changed_nor_in_another_store_nor_for_long() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = sealed_store(dir.path(), 60);
+    let stop = || {
+        let calls = AtomicU64::new(0);
+        let options = CheckOptions { resume: false, ..CheckOptions::default() };
+        assert!(!store.check(&options, &|_| calls.fetch_add(1, Ordering::Relaxed) < 180).unwrap().finished);
+        std::fs::read_to_string(dir.path().join("verify.state")).unwrap()
+    };
+    let go_on = || store.check(&CheckOptions::default(), &|_| true).unwrap();
+    stop();
+    assert!(go_on().resumed, "nothing has changed");
+
+    // Written to after it was read, with its time of change set back.
+    let pack = files(dir.path()).into_iter().find(|path| path.starts_with(dir.path().join("packs"))).unwrap();
+    let good = std::fs::read(&pack).unwrap();
+    let note = stop();
+    let name = pack.strip_prefix(dir.path()).unwrap().display().to_string();
+    assert!(note.contains("done packs/") || note.contains("done objects/"), "it has come to packs: {note}");
+    let modified = std::fs::metadata(&pack).unwrap().modified().unwrap();
+    let mut bytes = good.clone();
+    bytes[200] ^= 1;
+    std::fs::write(&pack, &bytes).unwrap();
+    std::fs::File::options().append(true).open(&pack).unwrap().set_modified(modified).unwrap();
+    let report = go_on();
+    assert!(!report.resumed && report.findings.iter().any(|finding| finding.file == name), "{report:?}");
+
+    // A note from before, put there again; one of another store; one of last week; one in the words of another version.
+    let state = dir.path().join("verify.state");
+    let signed = |text: String| {
+        let body = text.rsplit_once("check ").unwrap().0.to_string();
+        format!("{body}check {}\n", digest_of(body.as_bytes()))
+    };
+    let first = signed(note.replacen("prelight verify 2", "prelight verify 1", 1));
+    let other = signed(note.replacen(store.id(), "0123456789abcdef0123456789abcdef", 1));
+    for forged in [note.clone(), first, other] {
+        std::fs::write(&state, forged).unwrap();
+        let report = go_on();
+        assert!(!report.resumed && report.findings.iter().any(|finding| finding.file == name), "{report:?}");
+    }
+    std::fs::write(&pack, &good).unwrap();
+    stop();
+    let past = std::time::SystemTime::now() - std::time::Duration::from_secs(2 * 86_400);
+    std::fs::File::options().append(true).open(&state).unwrap().set_modified(past).unwrap();
+    assert!(!go_on().resumed, "bytes go bad by lying there");
+}
+
 #[test]
 fn the_doctor_leaves_nothing_behind_and_knows_this_file_system() {
     let dir = tempfile::tempdir().unwrap();

@@ -5,7 +5,7 @@ mod support;
 use prelight_manifests::{ChunkKind, Descriptor, Dtype};
 use prelight_store::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use prelight_store::pack::{PackBuilder, parse};
-use prelight_store::{CHUNK_ALIGN, ChunkSource, Form, FormChoice, MemorySource, StoreError, digest_of};
+use prelight_store::{Budget, CHUNK_ALIGN, ChunkSource, Form, FormChoice, MemorySource, StoreError, digest_of};
 use std::sync::Arc;
 use support::{noise, smooth};
 
@@ -120,4 +120,82 @@ fn the_rust_decoder_reads_every_frame_that_is_written() {
         frames += 1;
     }
     assert_eq!(frames, if cfg!(feature = "zstd") { 2 } else { 0 });
+}
+
+/// A frame of zstd that claims what it could just hold, in a pack that is right in all its checks.
+fn bomb(claimed: u64) -> (Vec<u8>, Descriptor) {
+    let stored = noise(7, (claimed / 32_768 + 8) as usize);
+    let digest = digest_of(b"nobody has these bytes");
+    let header = ChunkHeader {
+        form: Form::Zstd,
+        plain_bytes: claimed,
+        stored_bytes: stored.len() as u64,
+        digest,
+        stored_digest: digest_of(&stored),
+    };
+    let mut bytes = prelight_store::pack::encode_head().to_vec();
+    bytes.extend_from_slice(&header.encode());
+    bytes.extend_from_slice(&stored);
+    bytes.resize(bytes.len().next_multiple_of(CHUNK_ALIGN), 0);
+    let ChunkHeader { form, plain_bytes, stored_bytes, .. } = header;
+    let mut entries = [prelight_store::pack::PackEntry { digest, offset: 64, plain_bytes, stored_bytes, form }];
+    let (index, _) = prelight_store::pack::encode_index(&mut entries, bytes.len() as u64);
+    bytes.extend_from_slice(&index);
+    (bytes, Descriptor { kind: ChunkKind::Points, digest, bytes: claimed, dtype: Dtype::U8, shape: vec![claimed] })
+}
+
+#[test]
+fn a_claim_beyond_what_a_packs_bytes_justify_is_refused_before_memory_is_taken() {
+    for claimed in [200 << 20, 8 << 30, 1 << 40] {
+        let (pack, descriptor) = bomb(claimed);
+        let mut source = MemorySource::new();
+        source.add_pack("bomb", &pack).unwrap();
+        assert!(matches!(source.chunk(&descriptor), Err(StoreError::Memory { bytes, .. }) if bytes == claimed), "{claimed}");
+    }
+    let (pack, descriptor) = bomb(1 << 20);
+    let mut source = MemorySource::new();
+    source.add_pack("a claim that fits is looked at", &pack).unwrap();
+    assert!(matches!(source.chunk(&descriptor), Err(StoreError::Corrupt { .. })));
+}
+
+#[test]
+fn a_chunk_that_is_named_again_is_decoded_once_and_a_budget_counts_what_is_in_use() {
+    let payload = smooth(9, 16 << 20);
+    let mut builder = PackBuilder::new();
+    builder.add(&payload, FormChoice::Auto);
+    let other = smooth(200, 300_000);
+    builder.add(&other, FormChoice::Auto);
+    let pack = builder.finish();
+    assert!(pack.len() < payload.len() / 20, "it is compressed");
+    let budget = Budget::new(payload.len() as u64 + 1000);
+    let mut source = MemorySource::with_budget(budget.clone());
+    source.add_pack("pack", &pack).unwrap();
+    let chunks: Vec<_> = (0..400).map(|_| source.chunk(&describe(&payload)).unwrap()).collect();
+    assert!(chunks.iter().all(|chunk| chunk.as_ptr() == chunks[0].as_ptr()), "all of them are one");
+    assert_eq!(budget.used(), payload.len() as u64);
+    assert!(matches!(source.chunk(&describe(&other)), Err(StoreError::Memory { .. })), "there is no room beside it");
+    let wrong = Descriptor { bytes: 5, ..describe(&payload) };
+    assert!(matches!(source.chunk(&wrong), Err(StoreError::Size { .. })));
+    drop(chunks);
+    assert_eq!(budget.used(), 0);
+    assert!(source.chunk(&describe(&other)).unwrap()[..] == other[..]);
+}
+
+#[cfg(feature = "fs")]
+#[test]
+fn a_store_keeps_to_its_budget_and_reads_instead_of_mapping_where_that_is_asked_for() {
+    use prelight_store::{Mapping, Store, StoreOptions};
+    let dir = tempfile::tempdir().unwrap();
+    let payload = smooth(9, 1 << 20);
+    let mut writer = Store::open_or_create(dir.path()).unwrap().writer();
+    let descriptor = writer.put(ChunkKind::Points, Dtype::U8, vec![1 << 20], &payload).unwrap();
+    writer.commit().unwrap();
+    for mapping in [Mapping::Auto, Mapping::Never] {
+        let (small, large) = (Budget::new(payload.len() as u64 - 1), Budget::new(payload.len() as u64));
+        let open = |budget: &Budget| StoreOptions::new().mapping(mapping).budget(budget.clone()).open(dir.path()).unwrap();
+        assert!(matches!(open(&small).chunk(&descriptor), Err(StoreError::Memory { .. })));
+        let store = open(&large);
+        let (first, again) = (store.chunk(&descriptor).unwrap(), store.chunk(&descriptor).unwrap());
+        assert_eq!((first.as_ptr(), large.used()), (again.as_ptr(), payload.len() as u64));
+    }
 }

@@ -45,7 +45,7 @@ fn every_baked_factor_has_a_reader_of_the_same_name() {
 fn arrows_between_crates_run_one_way() {
     for (i, package) in CRATES.iter().enumerate() {
         let manifest = fs::read_to_string(root().join(package).join("Cargo.toml")).unwrap();
-        for later in &CRATES[i..] {
+        for later in &CRATES[i + 1..] {
             let arrow = format!("prelight-{later} = {{");
             assert!(!manifest.contains(&arrow), "{package} must not depend on {later}");
         }
@@ -70,9 +70,26 @@ fn runtime_shows_no_foreign_types_and_the_store_calls_the_system_in_one_place() 
             assert!(shown.is_none(), "{path}: {shown:?}");
         }
         if path.starts_with("store/src") && !path.starts_with("store/src/os") && path != "store/src/map.rs" {
-            let calls: Vec<&str> = code.lines().filter(|line| line.contains("fs::") || line.contains("rustix::")).collect();
-            // Holding an open file is fine; opening, renaming and syncing are the system's business.
-            assert!(calls.iter().all(|line| line.contains("fs::File")), "{path} goes around os.rs: {calls:?}");
+            // Holding an open file is fine; opening, listing, renaming, deleting and syncing are the system's business.
+            let calls = [
+                "rustix",
+                "memmap2",
+                "File::open",
+                "File::create",
+                "File::options",
+                "OpenOptions",
+                "read_dir",
+                "read_link",
+                "symlink",
+                "canonicalize",
+                "metadata()",
+                ".exists()",
+                ".is_dir()",
+            ];
+            let found = code.lines().filter(|line| !line.trim_start().starts_with("//")).find(|line| {
+                calls.iter().any(|call| line.contains(call)) || (line.contains("fs::") && !line.contains("use std::fs::File;"))
+            });
+            assert!(found.is_none(), "{path} goes around os.rs: {found:?}");
         }
     }
 }

@@ -37,11 +37,12 @@ fn kind(file_type: FileType) -> Kind {
 }
 
 fn metadata(stat: &Stat) -> Metadata {
-    let nanos = i128::from(stat.st_mtime) * 1_000_000_000 + i128::from(stat.st_mtime_nsec);
+    let nanos = |seconds: i128, nanos: i128| u64::try_from((seconds * 1_000_000_000 + nanos).max(0)).unwrap_or(u64::MAX);
     Metadata {
         kind: kind(FileType::from_raw_mode(stat.st_mode)),
         len: u64::try_from(stat.st_size).unwrap_or(0),
-        modified: u64::try_from(nanos.max(0)).unwrap_or(u64::MAX),
+        modified: nanos(stat.st_mtime.into(), stat.st_mtime_nsec.into()),
+        changed: nanos(stat.st_ctime.into(), stat.st_ctime_nsec.into()),
     }
 }
 

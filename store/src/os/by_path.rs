@@ -20,7 +20,8 @@ fn kind(file_type: FileType) -> Kind {
 
 fn metadata(found: &fs::Metadata) -> Metadata {
     let since = found.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok()).unwrap_or_default();
-    Metadata { kind: kind(found.file_type()), len: found.len(), modified: u64::try_from(since.as_nanos()).unwrap_or(u64::MAX) }
+    let modified = u64::try_from(since.as_nanos()).unwrap_or(u64::MAX);
+    Metadata { kind: kind(found.file_type()), len: found.len(), modified, changed: modified }
 }
 
 /// Every folder on the way to `place` is one.

@@ -3,10 +3,10 @@
 use super::Swept;
 use crate::index::PackFile;
 use crate::lease::Leases;
-use crate::ledger::{decode_record, parse_segment};
+use crate::ledger::{self, decode_record, parse_segment};
 use crate::os::{self, FileTime, Kind, Metadata, RootedPath};
 use crate::store::Inner;
-use crate::{Root, Store, StoreError, names, reach};
+use crate::{Root, Store, StoreError, names, reach, roots};
 use prelight_manifests::Digest;
 use std::sync::Arc;
 use std::time::Duration;
@@ -109,7 +109,7 @@ impl Marks {
             }
             let unknown = |what: &str| StoreError::Damaged { file: path.to_path_buf(), what: what.to_string(), help: HELP };
             // Forgotten by another sweep since it was listed.
-            let Some(bytes) = os::read_small(&path, 4096)? else { continue };
+            let Some(bytes) = os::read_small(&path, roots::MAX_BYTES)? else { continue };
             let root = std::str::from_utf8(&bytes).ok().and_then(Root::parse).filter(|root| root.asset == asset);
             let root = root.ok_or_else(|| unknown("it is not a root, so what it reaches is not known and nothing was swept"))?;
             let manifest = match store.peek_object(&root.manifest)? {
@@ -198,7 +198,7 @@ impl Marks {
 
 /// Chunks of each record of a segment, and whether this build could read the record. A damaged segment holds none.
 fn records(path: &RootedPath) -> Result<Vec<(Vec<Digest>, bool)>, StoreError> {
-    let bytes = os::read_small(path, u32::MAX.into())?.unwrap_or_default();
+    let bytes = ledger::read_file(path)?.unwrap_or_default();
     let places = parse_segment(&bytes).unwrap_or_default();
     let read = |(offset, len): (usize, usize)| match decode_record(&bytes[offset..offset + len]) {
         Some((_, record)) => (record.chunks.iter().map(|chunk| chunk.digest).collect(), true),

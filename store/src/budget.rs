@@ -1,0 +1,128 @@
+//! A budget bounds the memory that decoded chunks take together, whatever files claim.
+//!
+//! A length that a file claims is charged before memory is taken for it, and given back when the last copy of the chunk goes; what does not fit
+//! is [`crate::StoreError::Memory`]. A chunk that is asked for again while it is in memory is not decoded again ([`Decoded`]). Chunks that are
+//! used where they lie (mapped, or embedded) take nothing from it.
+
+use crate::Chunk;
+use crate::aligned::AlignedBytes;
+use prelight_manifests::Digest;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, Weak};
+
+/// Bytes that may be taken, and those that are. Clones share both.
+#[derive(Clone, Debug)]
+pub struct Budget(Arc<Counts>);
+
+#[derive(Debug)]
+struct Counts {
+    limit: AtomicU64,
+    used: AtomicU64,
+}
+
+impl Budget {
+    /// So many bytes.
+    pub fn new(bytes: u64) -> Self {
+        Budget(Arc::new(Counts { limit: AtomicU64::new(bytes), used: AtomicU64::new(0) }))
+    }
+
+    /// Bytes that are taken now.
+    pub fn used(&self) -> u64 {
+        self.0.used.load(Ordering::Relaxed)
+    }
+
+    /// Bytes that may be taken in all.
+    pub fn limit(&self) -> u64 {
+        self.0.limit.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn raise(&self, by: u64) {
+        let _ = self.0.limit.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |limit| Some(limit.saturating_add(by)));
+    }
+
+    /// Takes bytes until the charge is dropped; `None` when they are not left.
+    pub(crate) fn charge(&self, bytes: u64) -> Option<Charge> {
+        let fits = |used: u64| used.checked_add(bytes).filter(|used| *used <= self.limit());
+        self.0.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).ok()?;
+        Some(Charge { budget: self.clone(), bytes })
+    }
+}
+
+impl Default for Budget {
+    /// A quarter of the machine's memory, where the system says how much that is.
+    fn default() -> Self {
+        Budget::new(machine_memory().map_or(u64::MAX, |bytes| bytes / 4))
+    }
+}
+
+/// Bytes of a budget that are taken.
+#[derive(Debug)]
+pub(crate) struct Charge {
+    budget: Budget,
+    bytes: u64,
+}
+
+impl Drop for Charge {
+    fn drop(&mut self) {
+        self.budget.0.used.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
+}
+
+/// Bytes of memory that the machine has.
+#[cfg(all(feature = "fs", target_os = "linux"))]
+pub(crate) fn machine_memory() -> Option<u64> {
+    crate::os::memory()
+}
+
+/// Bytes of memory that the machine has: not known here.
+#[cfg(not(all(feature = "fs", target_os = "linux")))]
+pub(crate) fn machine_memory() -> Option<u64> {
+    None
+}
+
+/// Chunks in memory of their own that somebody still has.
+#[derive(Default)]
+pub(crate) struct Decoded(Mutex<Table>);
+
+#[derive(Default)]
+struct Table {
+    chunks: BTreeMap<Digest, (Weak<AlignedBytes>, Range<usize>)>,
+    /// Entries at which those that nobody has any more are dropped.
+    tidy_at: usize,
+}
+
+impl Decoded {
+    pub fn get(&self, digest: &Digest) -> Option<Chunk> {
+        let table = self.0.lock().expect("no panic under this lock");
+        let (bytes, range) = table.chunks.get(digest)?;
+        Some(Chunk::part_of(bytes.upgrade()?, range.clone()))
+    }
+
+    /// Keeps hold of it for as long as somebody else does.
+    pub fn note(&self, digest: Digest, chunk: &Chunk) {
+        let Some((bytes, range)) = chunk.owned_part() else { return };
+        let mut table = self.0.lock().expect("no panic under this lock");
+        if table.chunks.len() >= table.tidy_at {
+            table.chunks.retain(|_, (bytes, _)| bytes.strong_count() > 0);
+            table.tidy_at = 2 * table.chunks.len().max(64);
+        }
+        table.chunks.insert(digest, (Arc::downgrade(bytes), range));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_charged_is_given_back_and_never_more_than_there_is() {
+        let budget = Budget::new(100);
+        let (first, second) = (budget.charge(60), budget.clone().charge(40));
+        assert!(first.is_some() && second.is_some() && budget.charge(1).is_none() && budget.charge(u64::MAX).is_none());
+        drop(first);
+        assert_eq!(budget.used(), 40);
+        assert!(budget.charge(60).is_some() && budget.charge(61).is_none());
+    }
+}
