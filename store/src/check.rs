@@ -15,13 +15,13 @@
 use crate::form::{decode_zstd, verify_raw};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::index::PackFile;
-use crate::os::{Metadata, RootedPath};
+use crate::os::Metadata;
 use crate::pack::{PACK_LINE_BYTES, PackEntry};
+use crate::read::open_object;
 use crate::store::Inner;
 use crate::{Budget, Form, Root, Store, StoreError, digest_of, foreign, ledger, names, os, reach, roots};
 use prelight_manifests::Digest;
 use state::{Seen, State};
-use std::fs::File;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -333,22 +333,6 @@ fn gaps(pack_bytes: u64, entries: &[PackEntry]) -> Vec<Range<u64>> {
     places.push(pack_bytes - (entries.len() as u64 + 1) * PACK_LINE_BYTES as u64..pack_bytes);
     let ends = std::iter::once(PACK_LINE_BYTES as u64).chain(places.iter().map(|place| place.end));
     ends.zip(&places).map(|(end, next)| end..next.start).collect()
-}
-
-/// An object that has the header of this chunk and the length that goes with it, and that length; its bytes were not read yet.
-pub(crate) fn open_object(path: &RootedPath, digest: &Digest) -> Result<Option<Result<(File, u64), &'static str>>, StoreError> {
-    let Some((mut opened, bytes)) = os::open_sized(path)? else { return Ok(None) };
-    let mut head = [0; CHUNK_HEADER_BYTES];
-    if !os::read_at(&mut opened, path, 0, &mut head)? {
-        return Ok(Some(Err("it is cut inside its header")));
-    }
-    Ok(Some(match ChunkHeader::decode(&head) {
-        Err(what) => Err(what),
-        Ok(header) if header.digest != *digest || header.stored_bytes.checked_add(CHUNK_HEADER_BYTES as u64) != Some(bytes) => {
-            Err("its header does not fit its name and length")
-        }
-        Ok(_) => Ok((opened, bytes)),
-    }))
 }
 
 /// Whether header and stored bytes are those of the chunk of this digest.

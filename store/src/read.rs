@@ -2,14 +2,15 @@
 
 use crate::aligned::AlignedBytes;
 use crate::bad::BadChunk;
-use crate::check::open_object;
 use crate::form::{Fault, decode_zstd, expect_header, verify_raw};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::index::Place;
 use crate::map::Map;
+use crate::os::RootedPath;
 use crate::store::Inner;
 use crate::{Budget, Chunk, ChunkSource, Form, Store, StoreError, os};
-use prelight_manifests::Descriptor;
+use prelight_manifests::{Descriptor, Digest};
+use std::fs::File;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -223,4 +224,20 @@ fn read_owned(bytes: Option<AlignedBytes>, stored_bytes: u64, descriptor: &Descr
     }
     verify_raw(&header, stored)?;
     Ok(Chunk::owned_from(bytes, CHUNK_HEADER_BYTES))
+}
+
+/// An object that has the header of this chunk and the length that goes with it, and that length; its bytes were not read yet.
+pub(crate) fn open_object(path: &RootedPath, digest: &Digest) -> Result<Option<Result<(File, u64), &'static str>>, StoreError> {
+    let Some((mut opened, bytes)) = os::open_sized(path)? else { return Ok(None) };
+    let mut head = [0; CHUNK_HEADER_BYTES];
+    if !os::read_at(&mut opened, path, 0, &mut head)? {
+        return Ok(Some(Err("it is cut inside its header")));
+    }
+    Ok(Some(match ChunkHeader::decode(&head) {
+        Err(what) => Err(what),
+        Ok(header) if header.digest != *digest || header.stored_bytes.checked_add(CHUNK_HEADER_BYTES as u64) != Some(bytes) => {
+            Err("its header does not fit its name and length")
+        }
+        Ok(_) => Ok((opened, bytes)),
+    }))
 }

@@ -10,6 +10,9 @@ use std::path::{Path, PathBuf};
 /// A module's path from the crate's root; empty for the root.
 pub type Module = Vec<String>;
 
+/// Module and name -> the module that it has the name from, by `pub use`.
+type PassedOn = BTreeMap<(Module, String), Module>;
+
 /// Modules of one crate and what each imports.
 #[derive(Debug, Default)]
 pub struct Imports {
@@ -28,10 +31,23 @@ impl Imports {
             files.iter().map(|(module, file)| (module.clone(), code_of(&fs::read_to_string(src.join(file)).unwrap()))).collect();
         let tests: BTreeSet<Module> = texts.iter().flat_map(|(module, text)| test_modules(module, text)).collect();
         files.retain(|module, _| !(1..=module.len()).any(|len| tests.contains(&module[..len])));
+        let texts: BTreeMap<&Module, &String> = texts.iter().filter(|(module, _)| files.contains_key(*module)).collect();
+        let mut passed_on = PassedOn::new();
+        // What passes a name on may have it from a module that passes it on.
+        for _ in 0..3 {
+            for (module, text) in &texts {
+                for path in paths(text, true) {
+                    let (Some(to), Some(name)) = (resolve(&files, &passed_on, module, &path), path.last()) else { continue };
+                    if to != **module {
+                        passed_on.insert(((*module).clone(), name.clone()), to);
+                    }
+                }
+            }
+        }
         let mut edges = BTreeMap::new();
-        for (module, text) in texts.iter().filter(|(module, _)| files.contains_key(*module)) {
-            let named = paths(text).into_iter().filter_map(|path| resolve(&files, module, &path)).filter(|to| to != module);
-            edges.insert(module.clone(), named.collect());
+        for (module, text) in texts {
+            let named = paths(text, false).into_iter().filter_map(|path| resolve(&files, &passed_on, module, &path));
+            edges.insert(module.clone(), named.filter(|to| to != module && !to.is_empty()).collect());
         }
         Imports { files, edges }
     }
@@ -110,19 +126,26 @@ fn test_modules(module: &Module, text: &str) -> Vec<Module> {
     declared.map(|name| module.iter().cloned().chain([name]).collect()).collect()
 }
 
-/// Paths that a text names: the leaves of its `use` trees, and what begins with `crate`, `super` or `self` elsewhere.
-fn paths(text: &str) -> Vec<Vec<String>> {
+/// Paths that a text names: the leaves of its `use` trees, and what begins with `crate`, `super` or `self` elsewhere. `public`: only what it
+/// passes on by `pub use`.
+fn paths(text: &str, public: bool) -> Vec<Vec<String>> {
     let mut paths = Vec::new();
     let mut others = String::new();
     for (i, part) in text.split("use ").enumerate() {
-        let is_use = i > 0 && others.ends_with(['\n', ' ', ')', '}', ';']);
+        let line = others.rsplit('\n').next().unwrap_or_default();
+        let (is_pub, is_use) = (line.trim_start().starts_with("pub"), i > 0 && (line.trim().is_empty() || line.ends_with([' ', ')'])));
         match part.split_once(';').filter(|_| is_use) {
             Some((tree, after)) => {
-                leaves("", tree, &mut paths);
+                if is_pub || !public {
+                    leaves("", tree, &mut paths);
+                }
                 others.push_str(after);
             }
             None => others.push_str(part),
         }
+    }
+    if public {
+        return paths;
     }
     for root in ["crate::", "super::", "self::"] {
         for (at, _) in others.match_indices(root) {
@@ -166,7 +189,7 @@ fn leaves(prefix: &str, tree: &str, found: &mut Vec<Vec<String>>) {
 }
 
 /// The module that holds what a path names; `None` for paths out of the crate.
-fn resolve(files: &BTreeMap<Module, PathBuf>, from: &Module, path: &[String]) -> Option<Module> {
+fn resolve(files: &BTreeMap<Module, PathBuf>, passed_on: &PassedOn, from: &Module, path: &[String]) -> Option<Module> {
     let mut path = path.iter().peekable();
     let mut module: Module = match path.peek()?.as_str() {
         "crate" => Vec::new(),
@@ -182,6 +205,7 @@ fn resolve(files: &BTreeMap<Module, PathBuf>, from: &Module, path: &[String]) ->
     for segment in path {
         let child = [&module[..], std::slice::from_ref(segment)].concat();
         if !files.contains_key(&child) {
+            module = passed_on.get(&(module.clone(), segment.clone())).cloned().unwrap_or(module);
             break;
         }
         module = child;
