@@ -7,10 +7,12 @@ pub mod asset;
 pub mod baseline;
 pub mod block_product;
 pub mod brdf;
+pub mod camera;
+pub mod chunk;
 pub mod draw;
 pub mod environment;
 pub mod error;
-
+pub mod light;
 pub mod relight;
 pub mod sphere;
 pub mod surface;

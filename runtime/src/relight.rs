@@ -20,21 +20,21 @@
 mod work;
 
 use crate::asset::Asset;
-use crate::asset::mesh::Mesh;
-use crate::asset::surface::PointSurfaces;
-use crate::block_product::brdf::PointLobe;
+use crate::block_product::Light;
 use crate::block_product::change::{LightChange, update_diffuse};
-use crate::block_product::{Accuracy, Glossy, Light};
 use crate::brdf::{Lobe, Measured, ggx};
+use crate::camera::Camera;
+use crate::chunk::mesh::Mesh;
+use crate::chunk::surface::PointSurfaces;
 use crate::draw::at_points::{PointImage, draw_at_points};
-use crate::draw::camera::Camera;
 use crate::draw::raster::Visibility;
 use crate::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use crate::environment::LightCubemap;
 use crate::error::RuntimeError;
+use crate::light::lune::Lune;
+use crate::light::{Accuracy, Glossy, PointLobe};
 use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
-use crate::surface::detail::{Detail, fill_details, has_detail, point_lobe};
-use crate::surface::lune::{Lune, is_bent};
+use crate::surface::detail::{Detail, fill_details, has_detail, is_bent, point_lobe};
 use crate::surface::{AlphaMode, Material, Model};
 use crate::vmf_transfer::FilteredLight;
 use crate::vmf_transfer::highlight::Highlight;
@@ -294,7 +294,7 @@ impl<'a> Relighter<'a> {
             Some(change) => {
                 self.rest.resize(self.irradiance.len(), [[0.0; 3]; 3]);
                 for (patch, is_lit) in self.asset.patches.iter().zip(&mut lit).filter(|(_, lit)| **lit) {
-                    if !self.lune.is_empty() && is_bent(patch, self.surfaces.baked) {
+                    if !self.lune.is_empty() && is_bent(&patch.surfaces(), self.surfaces.baked) {
                         *is_lit = false;
                         continue;
                     }

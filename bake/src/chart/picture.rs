@@ -10,7 +10,8 @@ use prelight_runtime::block_product::{Light, SimdPath, shade_moments};
 use prelight_runtime::draw::raster::Visibility;
 use prelight_runtime::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use prelight_runtime::environment::{Environment, LightCubemap};
-use prelight_runtime::surface::lune::{Lune, is_bent};
+use prelight_runtime::light::lune::Lune;
+use prelight_runtime::surface::detail::is_bent;
 use prelight_runtime::vmf_transfer::pixel::{EyeLobes, PixelLobes};
 use rayon::prelude::*;
 
@@ -106,12 +107,12 @@ impl PictureView {
     /// What the pixels of normal maps need beside vector irradiance, from direct light: the same for every technique.
     fn lune(&self, asset: &Asset, light: &LightCubemap, lights: &[PatchLight]) -> Vec<Lune> {
         let patches = || self.patches.iter().map(|patch| &asset.patches[*patch]).zip(lights);
-        if !patches().any(|(patch, _)| is_bent(patch, asset.materials())) {
+        if !patches().any(|(patch, _)| is_bent(&patch.surfaces(), asset.materials())) {
             return Vec::new();
         }
         let light = Light::prepare(light);
         let mut lune = vec![Lune::default(); asset.n_points()];
-        for (patch, shaded) in patches().filter(|(patch, _)| is_bent(patch, asset.materials())) {
+        for (patch, shaded) in patches().filter(|(patch, _)| is_bent(&patch.surfaces(), asset.materials())) {
             let (n, normal) = (patch.points.len(), patch.points().normal);
             let (mut direct, mut second) = (vec![[[0.0; 3]; 3]; n], vec![[0.0; 6]; n]);
             shade_moments(SimdPath::detect(), &light, &patch.visibility(), &mut direct, &mut second);

@@ -16,7 +16,6 @@
 //! | `occluders` | the public face of the rest |
 
 mod coverage;
-mod dispatch;
 pub mod horizon;
 mod mask;
 mod occluders;
@@ -34,9 +33,9 @@ mod simd;
 mod tests;
 mod tree;
 
-pub use dispatch::SimdPath;
 pub use occluders::{OccluderOptions, Occluders, Scratch, TreeQuality};
 pub use predicate::open_texels_by_brute_force;
+pub use prelight_runtime::light::SimdPath;
 pub use ray::Hit;
 
 /// Where a point's visibility is traced from.

@@ -3,13 +3,13 @@
 //! Objects, patches and points are numbered through the whole asset: object `o` owns the patches `objects[o].patches`, a patch owns the
 //! points `patches[p].points`.
 
-use super::base::{self, BasePrimitive};
-use super::mesh::Mesh;
-use super::points::Points;
-use super::surface::PointSurfaces;
 use crate::block_product::visibility::Visibility;
 use crate::brdf::Measured;
-use crate::draw::camera::SceneCamera;
+use crate::camera::SceneCamera;
+use crate::chunk::base::{self, BasePrimitive};
+use crate::chunk::mesh::Mesh;
+use crate::chunk::points::Points;
+use crate::chunk::surface::PointSurfaces;
 use crate::error::RuntimeError;
 use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use crate::surface::{Material, Model, Texture};

@@ -8,7 +8,7 @@
 //!
 //! Eᵢ(n_b) is max(0, Eᵢ·n_b) of the vector irradiance of a corner's point, and wᵢ its weight: cut off corner by corner, since a sun that one
 //! of them sees below n_b would take the light of the others too. Where a normal map bends n_b, the light between the two horizons is added
-//! ([`crate::surface::lune`]). Glossy are the two Schlick terms, interpolated like it, lobes looked up again
+//! ([`crate::light::lune`]). Glossy are the two Schlick terms, interpolated like it, lobes looked up again
 //! ([`crate::vmf_transfer::pixel`]); n_b is the interpolated shading normal bent by the normal map; base, F0, F90 and the clear coat c are those of
 //! [`crate::brdf::Surface`] (base/π · (1 − metal)(1 − E_d) for glTF). Corners without a point, and buried ones, leave the
 //! interpolation: the weights of the others grow to sum 1; a triangle with none left gets no light.
@@ -19,16 +19,16 @@
 //!
 //! Clay: 0.5/π · Σ wᵢ max(0, Eᵢ·n_s) for every surface, alpha kept.
 
-use super::camera::Camera;
 use super::image::Image;
 use super::raster::{Edges, Fragment, TILE, TileFragments, Visibility, blend_corners};
 use super::threads::map_indices;
-use crate::asset::mesh::{Lit, Mesh};
-use crate::asset::points::BURIED;
-use crate::block_product::brdf::PointLobe;
 use crate::brdf::{Measured, Place};
+use crate::camera::Camera;
+use crate::chunk::mesh::{Lit, Mesh};
+use crate::chunk::points::BURIED;
 use crate::error::RuntimeError;
-use crate::surface::lune::{Bend, Lune};
+use crate::light::PointLobe;
+use crate::light::lune::{Bend, Lune};
 use crate::surface::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
 use crate::vmf_transfer::pixel::PixelLobes;
 use std::f32::consts::PI;
@@ -51,7 +51,7 @@ pub struct DrawObject<'a> {
     pub coat: &'a [[f32; 3]],
     /// `[points]` lobes that glossy light holds at points, looked up again between them. `None`: interpolated light is all.
     pub lobes: Option<PixelLobes<'a>>,
-    /// `[points]` flags of [`crate::asset::points`]. Empty: none is buried.
+    /// `[points]` flags of [`crate::chunk::points`]. Empty: none is buried.
     pub point_flags: &'a [u32],
 }
 

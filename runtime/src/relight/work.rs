@@ -2,10 +2,12 @@
 
 use super::{Indirect, Surfaces};
 use crate::asset::AssetPatch;
-use crate::asset::points::PATCH_POINTS;
-use crate::block_product::{Accuracy, Glossy, Light, SimdPath, shade_lobes, shade_moments};
+use crate::block_product::{Light, shade_lobes, shade_moments};
 use crate::brdf::surface::COAT_F0;
-use crate::surface::lune::{Lune, is_bent};
+use crate::chunk::layout::PATCH_POINTS;
+use crate::light::lune::Lune;
+use crate::light::{Accuracy, Glossy, SimdPath};
+use crate::surface::detail::is_bent;
 use crate::vmf_transfer::FilteredLight;
 use crate::vmf_transfer::highlight::{Highlight, keep_highlights};
 use crate::vmf_transfer::pixel::EyeLobes;
@@ -123,7 +125,7 @@ impl Work<'_> {
     /// Vector irradiance, and what bent normals need beside it; `lune` may be empty.
     fn diffuse(&self, patch: &AssetPatch, irradiance: &mut [[[f32; 3]; 3]], lune: &mut [Lune]) {
         let mut second = [[0.0; 6]; PATCH_POINTS];
-        let is_bent = !lune.is_empty() && is_bent(patch, self.surfaces.baked);
+        let is_bent = !lune.is_empty() && is_bent(&patch.surfaces(), self.surfaces.baked);
         let second = if is_bent { &mut second[..patch.points.len()] } else { &mut [] };
         shade_moments(SimdPath::detect(), self.light, &patch.visibility(), irradiance, second);
         let normal = patch.points().normal;

@@ -17,9 +17,9 @@
 //! warp of Wang et al. 2009.
 
 use super::light::FilteredLight;
-use crate::block_product::Glossy;
-use crate::block_product::brdf::PointLobe;
 use crate::brdf::{Lobe, phong};
+use crate::light::Glossy;
+use crate::light::PointLobe;
 use crate::sphere::frame::dot;
 
 /// Most that direct light may follow the open sky's: a ratio far above 1 says that the lobe is not where the light comes from.

@@ -16,8 +16,8 @@ use super::interpolate::{Blend, blend};
 use super::light::FilteredLight;
 use super::lobe::{Lobe, luminance};
 use super::transfer::SLICE_LOBES;
-use crate::block_product::Glossy;
-use crate::block_product::brdf::PointLobe;
+use crate::light::Glossy;
+use crate::light::PointLobe;
 
 /// One lobe of a point toward the eye that it was last shaded for. Black where the slot has none or several.
 #[derive(Clone, Copy, Debug, Default)]

@@ -7,17 +7,17 @@
 //!
 //! Both go into the buffers that drawing reads, so base colour, metalness and F0 are applied per pixel.
 //!
-//! Lossy: irradiance has no direction of its own (on the bent normals of a map it counts as coming evenly, [`crate::surface::lune`]); between points glossy light is what
+//! Lossy: irradiance has no direction of its own (on the bent normals of a map it counts as coming evenly, [`crate::light::lune`]); between points glossy light is what
 //! [`super::pixel`] makes of it; slices carry single scattering of as many bounces as were baked, and their interpolation error.
 
 use super::interpolate::{Blend, blend};
 use super::light::FilteredLight;
 use super::pixel::EyeLobes;
 use super::transfer::{PointTransfer, Record, SLICE_LOBES, Transfer, TransferLobe, decode};
-use crate::block_product::Glossy;
+use crate::light::Glossy;
+use crate::light::lune::Lune;
 use crate::sphere::frame::tangents;
 use crate::sphere::icosahedron::Icosahedron;
-use crate::surface::lune::Lune;
 
 /// Adds indirect irradiance of every point of a patch, as a vector along its normal and to second moments. All slices have one element a
 /// point, `second` may have none.
