@@ -4,12 +4,13 @@ use super::prepared::{BakedPatch, PatchLight, PreparedLight, Shader, Tables};
 use super::technique::Technique;
 use crate::error::BakeError;
 use crate::progress::{Progress, check};
-use prelight_runtime::asset::Asset;
 use prelight_runtime::asset::mesh::Mesh;
+use prelight_runtime::asset::{Asset, AssetObject};
 use prelight_runtime::block_product::{Light, SimdPath, shade_moments};
 use prelight_runtime::draw::raster::Visibility;
 use prelight_runtime::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use prelight_runtime::environment::{Environment, LightCubemap};
+use prelight_runtime::light::BetweenPoints;
 use prelight_runtime::light::lune::Lune;
 use prelight_runtime::surface::detail::is_bent;
 use prelight_runtime::vmf_transfer::pixel::{EyeLobes, PixelLobes};
@@ -86,6 +87,9 @@ impl PictureView {
                 all.lobes[range].copy_from_slice(&light.lobes);
             }
         }
+        let pixel_lobes =
+            |object: &AssetObject| filtered.map(|light| PixelLobes { light, lobes: &all.lobes[object.points.clone()], highlights: &[] });
+        let between: Vec<Option<PixelLobes>> = asset.objects.iter().map(pixel_lobes).collect();
         let objects: Vec<DrawObject> = (asset.objects.iter().enumerate())
             .map(|(i, object)| DrawObject {
                 mesh: asset.mesh(i),
@@ -93,7 +97,7 @@ impl PictureView {
                 lune: lune.get(object.points.clone()).unwrap_or_default(),
                 glossy: &all.glossy[object.points.clone()],
                 coat: &[],
-                lobes: filtered.map(|light| PixelLobes { light, lobes: &all.lobes[object.points.clone()], highlights: &[] }),
+                between: between[i].as_ref().map(|between| between as &dyn BetweenPoints),
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();

@@ -11,10 +11,11 @@ use crate::chunk::mesh::Mesh;
 use crate::chunk::points::Points;
 use crate::chunk::surface::PointSurfaces;
 use crate::error::RuntimeError;
+use crate::light::layer::{Factors, Patch};
 use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use crate::surface::{Material, Model, Texture};
 use crate::vmf_transfer::Transfer;
-use prelight_manifests::{AssetManifest, Descriptor, Digest};
+use prelight_manifests::{AssetManifest, ChunkKind, Descriptor, Digest};
 use prelight_store::{Chunk, ChunkSource};
 use std::ops::Range;
 
@@ -144,6 +145,11 @@ impl Asset {
         self.objects.last().map_or(0, |object| object.points.end)
     }
 
+    /// Whether light over other surfaces was baked for any patch.
+    pub fn has_transfer(&self) -> bool {
+        self.patches.iter().any(|patch| patch.transfer_chunk.is_some())
+    }
+
     /// Refined triangles of an object.
     pub fn mesh(&self, object: usize) -> Mesh<'_> {
         Mesh::from_proven_chunk(&self.objects[object].mesh)
@@ -225,6 +231,11 @@ impl AssetPatch {
         Ok(AssetPatch { points, points_chunk, surfaces_chunk, visibility_chunk, transfer_chunk })
     }
 
+    /// The patch as layers see it.
+    pub fn view(&self) -> Patch<'_> {
+        Patch::new(self.points(), self.surfaces(), self)
+    }
+
     /// Where its points are.
     pub fn points(&self) -> Points<'_> {
         Points::from_chunk(&self.points_chunk).expect(PROVEN)
@@ -243,6 +254,16 @@ impl AssetPatch {
     /// What its points see.
     pub fn visibility(&self) -> Visibility<'_> {
         Visibility::from_proven_chunk(&self.visibility_chunk)
+    }
+}
+
+impl Factors for AssetPatch {
+    fn factor(&self, kind: ChunkKind) -> Option<&[u8]> {
+        match kind {
+            ChunkKind::Visibility => Some(&self.visibility_chunk),
+            ChunkKind::Transfer => self.transfer_chunk.as_deref(),
+            _ => None,
+        }
     }
 }
 

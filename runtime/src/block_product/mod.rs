@@ -5,7 +5,7 @@
 //! | V | [`visibility`]: the chunk that a bake writes, one run-length list per point along the Hilbert order of the cubemap |
 //! | L | [`light`]: an environment prepared once: suffix sums of its moments, and its flux; [`change`]: what differs between two lights |
 //! | ρ | [`crate::light::TexelLobe`]: a lobe as a cubemap can hold it |
-//! | B | [`shade_diffuse`]: exact vector irradiance; [`shade_lobes`]: any lobe in two Schlick terms |
+//! | B | [`layer`]: all of it, as [`crate::light::Layer`]; [`shade_diffuse`]: exact vector irradiance; [`shade_lobes`]: any lobe in two Schlick terms |
 //!
 //! Source: \[IFL\], with the changes of order and of table that make the diffuse product exact. One call shades one patch; callers thread
 //! over patches.
@@ -18,6 +18,7 @@ pub mod brdf {
 pub mod change;
 mod diffuse;
 pub(crate) mod glossy;
+pub mod layer;
 pub mod light;
 pub mod visibility;
 
