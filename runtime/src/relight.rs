@@ -1,13 +1,11 @@
 //! One asset under changing light and view: what an app keeps between frames.
 //!
 //! ```no_run
-//! # use prelight_runtime::{asset::Asset, relight::Relighter, environment::LightCubemap, draw::camera::Camera};
-//! # fn example(asset: &Asset, light: &LightCubemap, camera: Camera) -> Result<(), prelight_runtime::error::RuntimeError> {
+//! # use prelight_runtime::{asset::Asset, relight::Relighter, environment::LightCubemap, draw::{Camera, FrameOptions}};
+//! # fn example(asset: Asset, light: &LightCubemap, camera: Camera) -> Result<(), prelight_runtime::error::RuntimeError> {
 //! let mut relighter = Relighter::new(asset);
-//! relighter.set_light(light);
-//! let view = relighter.view(&camera, [1280, 720], 16)?;
-//! relighter.shade(camera.eye, Some(&view.points));
-//! let frame = relighter.draw(&view, &|_| [0.0; 3], false)?;
+//! relighter.set_light(light)?;
+//! let frame = relighter.frame(&camera, [1280, 720], FrameOptions::default())?;
 //! # Ok(()) }
 //! ```
 //!
@@ -31,17 +29,19 @@ use crate::chunk::mesh::Mesh;
 use crate::draw::at_points::{PointImage, draw_at_points};
 use crate::draw::raster::Visibility;
 use crate::draw::shade::{DrawScene, Frame, draw_visible};
+use crate::draw::{Background, FrameOptions, Style};
 use crate::environment::LightCubemap;
 use crate::error::RuntimeError;
 use crate::light::layer::{Highlights, Indirect, LightOptions};
 use crate::light::{Accuracy, Glossy};
 use crate::surface::Material;
 use cpu::PointLights;
+use std::sync::Arc;
 use surfaces::Surfaces;
 
-/// Buffers for the light at every point of an asset.
-pub struct Relighter<'a> {
-    asset: &'a Asset,
+/// An asset with the light at its points.
+pub struct Relighter {
+    asset: Arc<Asset>,
     points: PointLights,
     surfaces: Surfaces,
     options: LightOptions,
@@ -56,25 +56,45 @@ pub struct View {
     pub points: Vec<bool>,
 }
 
-impl<'a> Relighter<'a> {
+impl Relighter {
     /// Buffers for all points: 80 bytes each, 88 more where the asset has transfer, 52 with highlights, 32 with normal maps, 72 where lights
-    /// are changes of each other.
-    pub fn new(asset: &'a Asset) -> Self {
+    /// are changes of each other. An asset may have many relighters.
+    pub fn new(asset: impl Into<Arc<Asset>>) -> Self {
         Relighter::with_techniques(asset, &Techniques::built_in())
     }
 
     /// [`Relighter::new`] with other techniques than those of this crate, or with more.
-    pub fn with_techniques(asset: &'a Asset, techniques: &Techniques) -> Self {
+    pub fn with_techniques(asset: impl Into<Arc<Asset>>, techniques: &Techniques) -> Self {
+        let asset = asset.into();
         let highlights = if asset.has_transfer() { Highlights::PerPixel } else { Highlights::Interpolated };
         let mut relighter = Relighter {
-            asset,
-            points: PointLights::new(asset, techniques.layers(asset)),
-            surfaces: Surfaces::new(asset),
+            points: PointLights::new(&asset, techniques.layers(&asset)),
+            surfaces: Surfaces::new(&asset),
             options: LightOptions { highlights, ..LightOptions::default() },
             light: None,
+            asset,
         };
         relighter.configure();
         relighter
+    }
+
+    /// The asset.
+    pub fn asset(&self) -> &Arc<Asset> {
+        &self.asset
+    }
+
+    /// A picture in the current light, in one call: what the camera sees, light at the points in view, pixels. [`Relighter::view`],
+    /// [`Relighter::shade`] and [`Relighter::draw`] are its parts, for apps that keep a view while the camera stands still.
+    ///
+    /// # Errors
+    /// No light yet; as [`Relighter::view`].
+    pub fn frame(&mut self, camera: &Camera, size: [usize; 2], options: FrameOptions) -> Result<Frame, RuntimeError> {
+        let view = self.view(camera, size, options.samples)?;
+        match options.style {
+            Style::Clay => self.shade_diffuse(Some(&view.points))?,
+            _ => self.shade(camera.eye, Some(&view.points))?,
+        };
+        self.draw(&view, options.background, options.style)
     }
 
     fn configure(&mut self) {
@@ -87,17 +107,16 @@ impl<'a> Relighter<'a> {
         self.configure();
     }
 
-    /// Whether direct light on curved glossy surfaces is looked up per pixel between points, so that highlights move over them instead of fading
-    /// from point to point ([`crate::vmf_transfer::highlight`]). From the next [`Relighter::shade`] on. Preparing a light takes a fifth of a
-    /// second more, drawing about a sixth more.
-    pub fn set_highlights(&mut self, is_on: bool) {
-        self.options.highlights = if is_on { Highlights::PerPixel } else { Highlights::Interpolated };
+    /// Where direct light on curved glossy surfaces comes from between points, from the next [`Relighter::shade`] on. From the start
+    /// [`Highlights::PerPixel`] where the asset has indirect light.
+    pub fn set_highlights(&mut self, highlights: Highlights) {
+        self.options.highlights = highlights;
         self.configure();
     }
 
-    /// Whether light that came over other surfaces is added; on from the start, and without effect where none was baked.
-    pub fn set_indirect(&mut self, is_on: bool) {
-        self.options.indirect = if is_on { Indirect::Added } else { Indirect::LeftOut };
+    /// Whether light that came over other surfaces is added; from the start it is. Without effect where none was baked.
+    pub fn set_indirect(&mut self, indirect: Indirect) {
+        self.options.indirect = indirect;
         self.configure();
     }
 
@@ -119,21 +138,36 @@ impl<'a> Relighter<'a> {
     /// A material or table that is not there, a value out of range, or a change of what was baked: sides, opacity, normal map, or another
     /// roughness texture. Nothing is changed then.
     pub fn set_material(&mut self, index: usize, material: Material) -> Result<(), RuntimeError> {
-        self.surfaces.set(self.asset, index, material)
+        self.surfaces.set(&self.asset, index, material)
     }
 
-    /// Changes the light. The cubemap must have the asset's face resolution.
-    pub fn set_light(&mut self, light: &LightCubemap) {
+    /// Changes the light.
+    ///
+    /// # Errors
+    /// A cubemap of another face resolution than [`Asset::face_resolution`].
+    pub fn set_light(&mut self, light: &LightCubemap) -> Result<(), RuntimeError> {
+        self.check_light(light)?;
         self.points.prepare(light, None);
         self.keep(light);
+        Ok(())
     }
 
     /// [`Relighter::set_light`] for a light that differs little from the last one: where few blocks of the cubemap changed, patches that were
     /// shaded under the last one are updated by the difference when they are shaded again, without drift
     /// ([`crate::block_product::change::LightChange`]). Patches with a normal map are summed anew.
-    pub fn change_light(&mut self, light: &LightCubemap) {
+    ///
+    /// # Errors
+    /// As [`Relighter::set_light`].
+    pub fn change_light(&mut self, light: &LightCubemap) -> Result<(), RuntimeError> {
+        self.check_light(light)?;
         self.points.prepare(light, Some(self.light.as_ref().unwrap_or(light)));
         self.keep(light);
+        Ok(())
+    }
+
+    fn check_light(&self, light: &LightCubemap) -> Result<(), RuntimeError> {
+        let (found, expected) = (light.face_resolution, self.asset.face_resolution());
+        if found == expected { Ok(()) } else { Err(RuntimeError::FaceResolution { found, expected }) }
     }
 
     fn keep(&mut self, light: &LightCubemap) {
@@ -145,20 +179,27 @@ impl<'a> Relighter<'a> {
 
     /// Computes the light at points for an eye: of the patches that hold a wanted point, or of all. Returns how many points that were.
     ///
-    /// Panics before the first [`Relighter::set_light`], or when `wanted` has not one element per point.
-    pub fn shade(&mut self, eye: [f32; 3], wanted: Option<&[bool]>) -> usize {
+    /// # Errors
+    /// No light yet; `wanted` without one element per point.
+    pub fn shade(&mut self, eye: [f32; 3], wanted: Option<&[bool]>) -> Result<usize, RuntimeError> {
         self.work(Some(eye), wanted)
     }
 
     /// [`Relighter::shade`] without glossy light, which stays what it was: all that clay needs.
-    pub fn shade_diffuse(&mut self, wanted: Option<&[bool]>) -> usize {
+    ///
+    /// # Errors
+    /// As [`Relighter::shade`].
+    pub fn shade_diffuse(&mut self, wanted: Option<&[bool]>) -> Result<usize, RuntimeError> {
         self.work(None, wanted)
     }
 
-    fn work(&mut self, eye: Option<[f32; 3]>, wanted: Option<&[bool]>) -> usize {
-        assert!(self.light.is_some(), "set_light comes before shade");
-        assert!(wanted.is_none_or(|wanted| wanted.len() == self.asset.n_points()), "one flag per point");
-        self.points.shade(self.asset, &self.surfaces, eye, wanted)
+    fn work(&mut self, eye: Option<[f32; 3]>, wanted: Option<&[bool]>) -> Result<usize, RuntimeError> {
+        let (found, expected) = (wanted.map_or(self.asset.n_points(), <[bool]>::len), self.asset.n_points());
+        match self.light {
+            None => Err(RuntimeError::NoLight),
+            Some(_) if found != expected => Err(RuntimeError::Points { found, expected }),
+            Some(_) => Ok(self.points.shade(&self.asset, &self.surfaces, eye, wanted)),
+        }
     }
 
     /// `[points][channel][axis]` vector irradiance of the points shaded last, W·m⁻².
@@ -175,32 +216,46 @@ impl<'a> Relighter<'a> {
     pub fn view(&self, camera: &Camera, size: [usize; 2], samples: usize) -> Result<View, RuntimeError> {
         let meshes = self.meshes();
         let visibility = Visibility::new(&meshes, self.materials(), &self.asset.textures(), camera, size, samples)?;
-        let n_points: Vec<usize> = self.asset.objects.iter().map(|object| object.points.len()).collect();
+        let n_points: Vec<usize> = self.asset.objects().iter().map(|object| object.points.len()).collect();
         let points = visibility.visible_points(&meshes, &n_points).concat();
         Ok(View { visibility, points })
     }
 
-    /// Draws a view with the light of the last [`Relighter::shade`]; `background` gives radiance where nothing is.
-    pub fn draw(&self, view: &View, background: &(dyn Fn([f32; 3]) -> [f32; 3] + Sync), clay: bool) -> Result<Frame, RuntimeError> {
-        self.with_scene(background, clay, |scene| draw_visible(scene, &view.visibility))
+    /// Draws a view with the light of the last [`Relighter::shade`]: black before the first.
+    ///
+    /// # Errors
+    /// A view of another asset.
+    pub fn draw(&self, view: &View, background: Background, style: Style) -> Result<Frame, RuntimeError> {
+        self.with_scene(view, background, style, |scene| draw_visible(scene, &view.visibility))
     }
 
     /// Draws each pixel of a view at the point that weighs most in it: the error at points, without interpolation's.
     ///
     /// # Errors
     /// As [`Relighter::draw`].
-    pub fn draw_at_points(&self, view: &View, clay: bool) -> Result<PointImage, RuntimeError> {
-        self.with_scene(&|_| [0.0; 3], clay, |scene| draw_at_points(scene, &view.visibility))
+    pub fn draw_at_points(&self, view: &View, style: Style) -> Result<PointImage, RuntimeError> {
+        self.with_scene(view, Background::Black, style, |scene| draw_at_points(scene, &view.visibility))
     }
 
-    fn with_scene<T>(&self, background: &(dyn Fn([f32; 3]) -> [f32; 3] + Sync), clay: bool, f: impl FnOnce(&DrawScene) -> T) -> T {
-        let between = self.points.between(self.asset);
-        let objects = self.points.objects(self.asset, &between);
-        let (materials, textures) = (self.materials(), self.asset.textures());
-        f(&DrawScene { objects: &objects, materials, textures: &textures, tables: &self.surfaces.tables, background, clay })
+    fn with_scene<T>(
+        &self,
+        view: &View,
+        background: Background,
+        style: Style,
+        f: impl FnOnce(&DrawScene) -> Result<T, RuntimeError>,
+    ) -> Result<T, RuntimeError> {
+        let (found, expected) = (view.points.len(), self.asset.n_points());
+        if found != expected {
+            return Err(RuntimeError::Points { found, expected });
+        }
+        let between = self.points.between(&self.asset);
+        let objects = self.points.objects(&self.asset, &between);
+        let (materials, textures, tables) = (self.materials(), self.asset.textures(), &self.surfaces.tables[..]);
+        let (background, clay) = (&|direction| background.radiance(direction), style == Style::Clay);
+        f(&DrawScene { objects: &objects, materials, textures: &textures, tables, background, clay })
     }
 
-    fn meshes(&self) -> Vec<Mesh<'a>> {
-        (0..self.asset.objects.len()).map(|object| self.asset.mesh(object)).collect()
+    fn meshes(&self) -> Vec<Mesh<'_>> {
+        (0..self.asset.objects().len()).map(|object| self.asset.mesh(object)).collect()
     }
 }

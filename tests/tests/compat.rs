@@ -131,5 +131,5 @@ fn copy(from: &Path, to: &Path) {
 fn the_asset_of_the_embedding_example_opens() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../runtime/examples/box.prelight");
     let asset = prelight_runtime::asset::Asset::open_file(&path, None).unwrap();
-    assert_eq!((asset.objects.len(), asset.n_points()), (2, 71));
+    assert_eq!((asset.objects().len(), asset.n_points()), (2, 71));
 }

@@ -1,5 +1,6 @@
 //! A technique that no crate of ours knows: constant light at every point.
 
+use prelight_runtime::draw::FrameOptions;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::environment::{LightCubemap, sky};
 use prelight_runtime::light::layer::{Corners, Diffuse, Held, Layer, Patch, Remembered, Rows, Sight};
@@ -49,16 +50,15 @@ impl Layer for Constant {
 #[test]
 fn a_technique_of_a_test_crate_lights_an_asset_alone_and_beside_those_built_in() {
     let asset = baked_asset(&still_life(), 0.1);
-    let light = LightCubemap::from_environment(&sky([0.3, 0.8, 0.2]), asset.manifest().content.face_resolution as usize).0;
+    let light = LightCubemap::from_environment(&sky([0.3, 0.8, 0.2]), asset.face_resolution());
     let mean = light.flux.as_flattened().iter().sum::<f32>() / light.flux.len() as f32;
     let toy = |techniques: Techniques| techniques.with(|_| Some(Box::new(Constant::default())));
     let camera = Camera::upright([1.0, 1.0, 2.0], [0.0, 0.2, 0.0], 45.0).unwrap();
     let lit = |techniques: &Techniques| {
-        let mut relighter = Relighter::with_techniques(&asset, techniques);
-        relighter.set_light(&light);
-        let view = relighter.view(&camera, [32, 24], 4).unwrap();
-        relighter.shade(camera.eye, None);
-        let frame = relighter.draw(&view, &|_| [0.0; 3], false).unwrap();
+        let mut relighter = Relighter::with_techniques(asset.clone(), techniques);
+        relighter.set_light(&light).unwrap();
+        let frame = relighter.frame(&camera, [32, 24], FrameOptions::default().samples(4)).unwrap();
+        relighter.shade(camera.eye, None).unwrap();
         (relighter.irradiance().to_vec(), relighter.glossy().to_vec(), frame)
     };
     let (alone, glossy, frame) = lit(&toy(Techniques::none()));

@@ -27,10 +27,8 @@ pub struct Asset {
     cameras: Vec<SceneCamera>,
     textures: Vec<Chunk>,
     tables: Vec<Measured>,
-    /// Objects in the manifest's order.
-    pub objects: Vec<AssetObject>,
-    /// Patches of all objects, object after object.
-    pub patches: Vec<AssetPatch>,
+    objects: Vec<AssetObject>,
+    patches: Vec<AssetPatch>,
 }
 
 /// An object of an open asset.
@@ -118,6 +116,21 @@ impl Asset {
     /// The manifest.
     pub fn manifest(&self) -> &AssetManifest {
         &self.manifest
+    }
+
+    /// Objects in the manifest's order.
+    pub fn objects(&self) -> &[AssetObject] {
+        &self.objects
+    }
+
+    /// Patches of all objects, object after object.
+    pub fn patches(&self) -> &[AssetPatch] {
+        &self.patches
+    }
+
+    /// Texels along a side of the cubemap's faces that a light must have.
+    pub fn face_resolution(&self) -> usize {
+        self.manifest.content.face_resolution as usize
     }
 
     /// Materials, as meshes and point surfaces number them.

@@ -34,7 +34,7 @@ impl PointLights {
         let n = asset.n_points();
         let has_normal_map = asset.materials().iter().any(|material| material.normal_texture.is_some());
         let mut flags = Vec::with_capacity(n);
-        asset.patches.iter().for_each(|patch| flags.extend_from_slice(patch.points().flags));
+        asset.patches().iter().for_each(|patch| flags.extend_from_slice(patch.points().flags));
         PointLights {
             layers,
             irradiance: vec![[[0.0; 3]; 3]; n],
@@ -44,7 +44,7 @@ impl PointLights {
             diffuse_rows: Vec::new(),
             glossy_rows: Vec::new(),
             flags,
-            lit: vec![Lit::No; asset.patches.len()],
+            lit: vec![Lit::No; asset.patches().len()],
         }
     }
 
@@ -84,7 +84,7 @@ impl PointLights {
         let [diffuse, glossy] = self.layers.row_lengths();
         let work = Work { layers: &self.layers, surfaces, eye, wanted };
         work.run(Part {
-            patches: &asset.patches,
+            patches: asset.patches(),
             lit: Rest::new(&mut self.lit),
             irradiance: Rest::new(&mut self.irradiance),
             lune: Rest::new(&mut self.lune),
@@ -99,13 +99,13 @@ impl PointLights {
     pub fn between<'a>(&'a self, asset: &'a Asset) -> Vec<Option<Between<'a>>> {
         let [_, floats] = self.layers.row_lengths();
         let rows = |points: &std::ops::Range<usize>| &self.glossy_rows[points.start * floats..points.end * floats];
-        asset.objects.iter().map(|object| self.layers.between(rows(&object.points))).collect()
+        asset.objects().iter().map(|object| self.layers.between(rows(&object.points))).collect()
     }
 
     /// Objects with their light, as drawing takes them.
     pub fn objects<'a>(&'a self, asset: &'a Asset, between: &'a [Option<Between<'a>>]) -> Vec<DrawObject<'a>> {
         let object = |(i, between): (usize, &'a Option<Between<'a>>)| {
-            let points = asset.objects[i].points.clone();
+            let points = asset.objects()[i].points.clone();
             DrawObject {
                 mesh: asset.mesh(i),
                 irradiance: &self.irradiance[points.clone()],

@@ -113,7 +113,7 @@ impl Surfaces {
         }
         self.details.resize(asset.n_points(), Detail::default());
         let textures = asset.textures();
-        for (at, object) in asset.objects.iter().enumerate() {
+        for (at, object) in asset.objects().iter().enumerate() {
             let details = &mut self.details[object.points.clone()];
             fill_details(&asset.mesh(at), &self.materials, &textures, only.filter(|_| !of_all), details);
         }
