@@ -12,37 +12,42 @@
 //! Light is the sum of [`crate::light::Layer`]s, by default those of [`Techniques::built_in`]. Light that came over other surfaces is added where it
 //! was baked ([`Relighter::set_indirect`] turns that off). Direct highlights between points are looked up per pixel where
 //! [`Relighter::set_highlights`] asks for it, as it does from the start where there is indirect light. For both, preparing a light also filters it;
-//! without, [`Relighter::set_light`] does not allocate after its first call. [`Relighter::shade`] never does. Diffuse light is computed once per light and patch, and kept while only the view moves; glossy
-//! light follows the eye, to an [`Accuracy`]. [`Relighter::set_material`] changes a surface without a bake.
+//! without, [`Relighter::set_light`] does not allocate after its first call. [`Relighter::shade`] never does. Diffuse light is
+//! computed once per light and patch, and kept while only the view moves; glossy light follows the eye, to an [`Accuracy`].
+//! [`Relighter::set_material`] changes a surface without a bake.
 
+pub mod backend;
 mod cpu;
 mod surfaces;
 mod techniques;
 mod work;
 
+pub use backend::Backend;
+pub use cpu::{Cpu, CpuAsset};
+pub use surfaces::Surfaces;
 pub use techniques::{LayerFactory, Techniques};
 
 use crate::asset::Asset;
 use crate::brdf::Measured;
 use crate::camera::Camera;
 use crate::chunk::mesh::Mesh;
-use crate::draw::at_points::{PointImage, draw_at_points};
+use crate::draw::at_points::PointImage;
 use crate::draw::raster::Visibility;
-use crate::draw::shade::{DrawScene, Frame, draw_visible};
+use crate::draw::shade::Frame;
 use crate::draw::{Background, FrameOptions, Style};
 use crate::environment::LightCubemap;
 use crate::error::RuntimeError;
 use crate::light::layer::{Highlights, Indirect, LightOptions};
 use crate::light::{Accuracy, Glossy};
 use crate::surface::Material;
-use cpu::PointLights;
+use backend::{DrawJob, ShadeJob};
 use std::sync::Arc;
-use surfaces::Surfaces;
 
-/// An asset with the light at its points.
-pub struct Relighter {
+/// An asset with the light at its points, computed by a backend.
+pub struct Relighter<B: Backend = Cpu> {
     asset: Arc<Asset>,
-    points: PointLights,
+    backend: B,
+    held: B::Asset,
     surfaces: Surfaces,
     options: LightOptions,
     /// The current one.
@@ -51,6 +56,12 @@ pub struct Relighter {
 
 /// What one camera sees of an asset.
 pub struct View {
+    /// What it was made with, for a backend that rasterises itself.
+    pub camera: Camera,
+    /// Pixels of a row, and rows.
+    pub size: [usize; 2],
+    /// Samples of a pixel.
+    pub samples: usize,
     visibility: Visibility,
     /// `[points of the asset]` drawing interpolates from this point.
     pub points: Vec<bool>,
@@ -60,22 +71,46 @@ impl Relighter {
     /// Buffers for all points: 80 bytes each, 88 more where the asset has transfer, 52 with highlights, 32 with normal maps, 72 where lights
     /// are changes of each other. An asset may have many relighters.
     pub fn new(asset: impl Into<Arc<Asset>>) -> Self {
-        Relighter::with_techniques(asset, &Techniques::built_in())
+        Relighter::with_techniques(asset, Techniques::built_in())
     }
 
     /// [`Relighter::new`] with other techniques than those of this crate, or with more.
-    pub fn with_techniques(asset: impl Into<Arc<Asset>>, techniques: &Techniques) -> Self {
+    pub fn with_techniques(asset: impl Into<Arc<Asset>>, techniques: Techniques) -> Self {
+        Relighter::with_backend(asset, Cpu::new(techniques)).expect("memory is all that the CPU needs")
+    }
+
+    /// `[points][channel][axis]` vector irradiance of the points shaded last, W·m⁻².
+    pub fn irradiance(&self) -> &[[[f32; 3]; 3]] {
+        &self.held.irradiance
+    }
+
+    /// `[points]` glossy radiance of the points shaded last.
+    pub fn glossy(&self) -> &[Glossy] {
+        &self.held.glossy
+    }
+
+    /// Draws each pixel of a view at the point that weighs most in it: the error at points, without interpolation's.
+    ///
+    /// # Errors
+    /// As [`Relighter::draw`].
+    pub fn draw_at_points(&self, view: &View, style: Style) -> Result<PointImage, RuntimeError> {
+        self.backend.draw_at_points(&self.held, &self.draw_job(view, Background::Black, style)?)
+    }
+}
+
+impl<B: Backend> Relighter<B> {
+    /// A relighter whose light is computed elsewhere than on the CPU.
+    ///
+    /// # Errors
+    /// The backend's.
+    pub fn with_backend(asset: impl Into<Arc<Asset>>, backend: B) -> Result<Self, RuntimeError> {
         let asset = asset.into();
         let highlights = if asset.has_transfer() { Highlights::PerPixel } else { Highlights::Interpolated };
-        let mut relighter = Relighter {
-            points: PointLights::new(&asset, techniques.layers(&asset)),
-            surfaces: Surfaces::new(&asset),
-            options: LightOptions { highlights, ..LightOptions::default() },
-            light: None,
-            asset,
-        };
+        let held = backend.upload(&asset)?;
+        let options = LightOptions { highlights, ..LightOptions::default() };
+        let mut relighter = Relighter { surfaces: Surfaces::new(&asset), backend, held, options, light: None, asset };
         relighter.configure();
-        relighter
+        Ok(relighter)
     }
 
     /// The asset.
@@ -98,7 +133,7 @@ impl Relighter {
     }
 
     fn configure(&mut self) {
-        self.points.configure(&self.options, self.light.as_ref());
+        self.backend.configure(&mut self.held, &self.options, self.light.as_ref());
     }
 
     /// Changes how exactly glossy light is computed; [`Accuracy::FINE`] before.
@@ -122,13 +157,12 @@ impl Relighter {
 
     /// Materials as they are now, as the asset numbers them.
     pub fn materials(&self) -> &[Material] {
-        &self.surfaces.materials
+        self.surfaces.materials()
     }
 
     /// Adds a measured table for [`Model::Measured`]; returns its number.
     pub fn add_table(&mut self, table: Measured) -> u32 {
-        self.surfaces.tables.push(table);
-        self.surfaces.tables.len() as u32 - 1
+        self.surfaces.add_table(table)
     }
 
     /// Changes a material, without a new bake: model, colours, widths and textures of anything but normals and opacity. The next
@@ -147,7 +181,7 @@ impl Relighter {
     /// A cubemap of another face resolution than [`Asset::face_resolution`].
     pub fn set_light(&mut self, light: &LightCubemap) -> Result<(), RuntimeError> {
         self.check_light(light)?;
-        self.points.prepare(light, None);
+        self.backend.prepare(&mut self.held, light, None)?;
         self.keep(light);
         Ok(())
     }
@@ -160,7 +194,7 @@ impl Relighter {
     /// As [`Relighter::set_light`].
     pub fn change_light(&mut self, light: &LightCubemap) -> Result<(), RuntimeError> {
         self.check_light(light)?;
-        self.points.prepare(light, Some(self.light.as_ref().unwrap_or(light)));
+        self.backend.prepare(&mut self.held, light, Some(self.light.as_ref().unwrap_or(light)))?;
         self.keep(light);
         Ok(())
     }
@@ -198,18 +232,11 @@ impl Relighter {
         match self.light {
             None => Err(RuntimeError::NoLight),
             Some(_) if found != expected => Err(RuntimeError::Points { found, expected }),
-            Some(_) => Ok(self.points.shade(&self.asset, &self.surfaces, eye, wanted)),
+            Some(_) => {
+                let job = ShadeJob { asset: &self.asset, surfaces: &self.surfaces, eye, wanted };
+                self.backend.shade(&mut self.held, &job)
+            }
         }
-    }
-
-    /// `[points][channel][axis]` vector irradiance of the points shaded last, W·m⁻².
-    pub fn irradiance(&self) -> &[[[f32; 3]; 3]] {
-        &self.points.irradiance
-    }
-
-    /// `[points]` glossy radiance of the points shaded last.
-    pub fn glossy(&self) -> &[Glossy] {
-        &self.points.glossy
     }
 
     /// Rasterises: what a camera sees does not depend on light, so a view can be kept while the camera is still.
@@ -218,7 +245,7 @@ impl Relighter {
         let visibility = Visibility::new(&meshes, self.materials(), &self.asset.textures(), camera, size, samples)?;
         let n_points: Vec<usize> = self.asset.objects().iter().map(|object| object.points.len()).collect();
         let points = visibility.visible_points(&meshes, &n_points).concat();
-        Ok(View { visibility, points })
+        Ok(View { camera: *camera, size, samples, visibility, points })
     }
 
     /// Draws a view with the light of the last [`Relighter::shade`]: black before the first.
@@ -226,33 +253,15 @@ impl Relighter {
     /// # Errors
     /// A view of another asset.
     pub fn draw(&self, view: &View, background: Background, style: Style) -> Result<Frame, RuntimeError> {
-        self.with_scene(view, background, style, |scene| draw_visible(scene, &view.visibility))
+        self.backend.draw(&self.held, &self.draw_job(view, background, style)?)
     }
 
-    /// Draws each pixel of a view at the point that weighs most in it: the error at points, without interpolation's.
-    ///
-    /// # Errors
-    /// As [`Relighter::draw`].
-    pub fn draw_at_points(&self, view: &View, style: Style) -> Result<PointImage, RuntimeError> {
-        self.with_scene(view, Background::Black, style, |scene| draw_at_points(scene, &view.visibility))
-    }
-
-    fn with_scene<T>(
-        &self,
-        view: &View,
-        background: Background,
-        style: Style,
-        f: impl FnOnce(&DrawScene) -> Result<T, RuntimeError>,
-    ) -> Result<T, RuntimeError> {
+    fn draw_job<'a>(&'a self, view: &'a View, background: Background<'a>, style: Style) -> Result<DrawJob<'a>, RuntimeError> {
         let (found, expected) = (view.points.len(), self.asset.n_points());
         if found != expected {
             return Err(RuntimeError::Points { found, expected });
         }
-        let between = self.points.between(&self.asset);
-        let objects = self.points.objects(&self.asset, &between);
-        let (materials, textures, tables) = (self.materials(), self.asset.textures(), &self.surfaces.tables[..]);
-        let (background, clay) = (&|direction| background.radiance(direction), style == Style::Clay);
-        f(&DrawScene { objects: &objects, materials, textures: &textures, tables, background, clay })
+        Ok(DrawJob { asset: &self.asset, surfaces: &self.surfaces, view, background, style })
     }
 
     fn meshes(&self) -> Vec<Mesh<'_>> {

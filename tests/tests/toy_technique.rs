@@ -54,24 +54,24 @@ fn a_technique_of_a_test_crate_lights_an_asset_alone_and_beside_those_built_in()
     let mean = light.flux.as_flattened().iter().sum::<f32>() / light.flux.len() as f32;
     let toy = |techniques: Techniques| techniques.with(|_| Some(Box::new(Constant::default())));
     let camera = Camera::upright([1.0, 1.0, 2.0], [0.0, 0.2, 0.0], 45.0).unwrap();
-    let lit = |techniques: &Techniques| {
+    let lit = |techniques: Techniques| {
         let mut relighter = Relighter::with_techniques(asset.clone(), techniques);
         relighter.set_light(&light).unwrap();
         let frame = relighter.frame(&camera, [32, 24], FrameOptions::default().samples(4)).unwrap();
         relighter.shade(camera.eye, None).unwrap();
         (relighter.irradiance().to_vec(), relighter.glossy().to_vec(), frame)
     };
-    let (alone, glossy, frame) = lit(&toy(Techniques::none()));
+    let (alone, glossy, frame) = lit(toy(Techniques::none()));
     assert!(alone.iter().flatten().all(|e| (e.iter().map(|x| x * x).sum::<f32>().sqrt() / mean - 1.0).abs() < 1e-3));
     assert!(glossy.iter().flatten().flatten().all(|term| *term == mean));
     assert!(frame.image.pixels.iter().flatten().any(|x| *x > 0.0));
-    let (known, ..) = lit(&Techniques::built_in());
-    let (both, ..) = lit(&toy(Techniques::built_in()));
+    let (known, ..) = lit(Techniques::built_in());
+    let (both, ..) = lit(toy(Techniques::built_in()));
     for ((both, known), alone) in
         both.iter().flatten().flatten().zip(known.iter().flatten().flatten()).zip(alone.iter().flatten().flatten())
     {
         assert!((both - known - alone).abs() <= 1e-5 * (known.abs() + mean), "{both} {known} {alone}");
     }
-    let (black, ..) = lit(&Techniques::none());
+    let (black, ..) = lit(Techniques::none());
     assert!(black.iter().flatten().flatten().all(|x| *x == 0.0));
 }

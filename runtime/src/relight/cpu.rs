@@ -1,23 +1,78 @@
 //! Light at the points of an asset, summed by layers on the CPU.
 
-use super::surfaces::Surfaces;
+use super::backend::{Backend, DrawJob, ShadeJob};
+use super::techniques::Techniques;
 use super::work::{Lit, Part, Rest, Work};
 use crate::asset::Asset;
-use crate::draw::DrawObject;
+use crate::draw::Style;
+use crate::draw::at_points::{PointImage, draw_at_points};
+use crate::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use crate::environment::LightCubemap;
+use crate::error::RuntimeError;
 use crate::light::layers::Between;
 use crate::light::lune::Lune;
 use crate::light::{BetweenPoints, Glossy, Layers, LightOptions};
 
+/// Shades with the layers of techniques, on all threads of the CPU.
+#[derive(Default)]
+pub struct Cpu {
+    techniques: Techniques,
+}
+
+impl Cpu {
+    /// With these techniques.
+    pub fn new(techniques: Techniques) -> Self {
+        Cpu { techniques }
+    }
+
+    fn scene<T>(&self, held: &CpuAsset, job: &DrawJob, f: impl FnOnce(&DrawScene) -> Result<T, RuntimeError>) -> Result<T, RuntimeError> {
+        let between = held.between(job.asset);
+        let objects = held.objects(job.asset, &between);
+        let (materials, textures, tables) = (job.surfaces.materials(), job.asset.textures(), job.surfaces.tables());
+        let (background, clay) = (&|direction| job.background.radiance(direction), job.style == Style::Clay);
+        f(&DrawScene { objects: &objects, materials, textures: &textures, tables, background, clay })
+    }
+
+    /// [`Backend::draw`] of each pixel at the point that weighs most in it.
+    pub(super) fn draw_at_points(&self, held: &CpuAsset, job: &DrawJob) -> Result<PointImage, RuntimeError> {
+        self.scene(held, job, |scene| draw_at_points(scene, &job.view.visibility))
+    }
+}
+
+impl Backend for Cpu {
+    type Asset = CpuAsset;
+
+    fn upload(&self, asset: &Asset) -> Result<CpuAsset, RuntimeError> {
+        Ok(CpuAsset::new(asset, self.techniques.layers(asset)))
+    }
+
+    fn configure(&self, held: &mut CpuAsset, options: &LightOptions, light: Option<&LightCubemap>) {
+        held.configure(options, light);
+    }
+
+    fn prepare(&self, held: &mut CpuAsset, light: &LightCubemap, before: Option<&LightCubemap>) -> Result<(), RuntimeError> {
+        held.prepare(light, before);
+        Ok(())
+    }
+
+    fn shade(&self, held: &mut CpuAsset, job: &ShadeJob) -> Result<usize, RuntimeError> {
+        Ok(held.shade(job))
+    }
+
+    fn draw(&self, held: &CpuAsset, job: &DrawJob) -> Result<Frame, RuntimeError> {
+        self.scene(held, job, |scene| draw_visible(scene, &job.view.visibility))
+    }
+}
+
 /// Layers, and the buffers that they fill.
-pub(super) struct PointLights {
+pub struct CpuAsset {
     layers: Layers,
     /// `[points][channel][axis]` vector irradiance, W·m⁻².
-    pub irradiance: Vec<[[f32; 3]; 3]>,
+    pub(super) irradiance: Vec<[[f32; 3]; 3]>,
     /// `[points]` what bent normals need beside it; empty while no material has a normal map.
     lune: Vec<Lune>,
     /// `[points]` glossy radiance in two terms.
-    pub glossy: Vec<Glossy>,
+    pub(super) glossy: Vec<Glossy>,
     /// `[points]` radiance of a whole clear coat; empty while no material has one.
     coat: Vec<[f32; 3]>,
     /// `[points][floats]` what layers remember.
@@ -29,13 +84,13 @@ pub(super) struct PointLights {
     lit: Vec<Lit>,
 }
 
-impl PointLights {
-    pub fn new(asset: &Asset, layers: Layers) -> Self {
+impl CpuAsset {
+    fn new(asset: &Asset, layers: Layers) -> Self {
         let n = asset.n_points();
         let has_normal_map = asset.materials().iter().any(|material| material.normal_texture.is_some());
         let mut flags = Vec::with_capacity(n);
         asset.patches().iter().for_each(|patch| flags.extend_from_slice(patch.points().flags));
-        PointLights {
+        CpuAsset {
             layers,
             irradiance: vec![[[0.0; 3]; 3]; n],
             lune: if has_normal_map { vec![Lune::default(); n] } else { Vec::new() },
@@ -49,7 +104,7 @@ impl PointLights {
     }
 
     /// Takes options, at once for a light that is there.
-    pub fn configure(&mut self, options: &LightOptions, light: Option<&LightCubemap>) {
+    fn configure(&mut self, options: &LightOptions, light: Option<&LightCubemap>) {
         if self.layers.configure(options, light) {
             self.lit.fill(Lit::No);
         }
@@ -57,7 +112,7 @@ impl PointLights {
     }
 
     /// Makes a light ready; `before` where it is a change of that one.
-    pub fn prepare(&mut self, light: &LightCubemap, before: Option<&LightCubemap>) {
+    fn prepare(&mut self, light: &LightCubemap, before: Option<&LightCubemap>) {
         self.layers.prepare(light, before);
         for lit in &mut self.lit {
             *lit = if *lit == Lit::Now && before.is_some() { Lit::Before } else { Lit::No };
@@ -77,7 +132,8 @@ impl PointLights {
     }
 
     /// Light at points for an eye, or diffuse light alone; returns at how many.
-    pub fn shade(&mut self, asset: &Asset, surfaces: &Surfaces, eye: Option<[f32; 3]>, wanted: Option<&[bool]>) -> usize {
+    fn shade(&mut self, job: &ShadeJob) -> usize {
+        let ShadeJob { asset, surfaces, eye, wanted } = *job;
         if surfaces.has_coat() {
             self.coat.resize(self.irradiance.len(), [0.0; 3]);
         }
@@ -96,14 +152,14 @@ impl PointLights {
     }
 
     /// The say of layers between the points of each object, where any has one.
-    pub fn between<'a>(&'a self, asset: &'a Asset) -> Vec<Option<Between<'a>>> {
+    fn between<'a>(&'a self, asset: &'a Asset) -> Vec<Option<Between<'a>>> {
         let [_, floats] = self.layers.row_lengths();
         let rows = |points: &std::ops::Range<usize>| &self.glossy_rows[points.start * floats..points.end * floats];
         asset.objects().iter().map(|object| self.layers.between(rows(&object.points))).collect()
     }
 
     /// Objects with their light, as drawing takes them.
-    pub fn objects<'a>(&'a self, asset: &'a Asset, between: &'a [Option<Between<'a>>]) -> Vec<DrawObject<'a>> {
+    fn objects<'a>(&'a self, asset: &'a Asset, between: &'a [Option<Between<'a>>]) -> Vec<DrawObject<'a>> {
         let object = |(i, between): (usize, &'a Option<Between<'a>>)| {
             let points = asset.objects()[i].points.clone();
             DrawObject {

@@ -8,23 +8,44 @@ use crate::light::PointLobe;
 use crate::surface::detail::{Detail, fill_details, has_detail, point_lobe};
 use crate::surface::{AlphaMode, Material, Model};
 
-/// Materials as they are now.
-pub(super) struct Surfaces {
-    pub materials: Vec<Material>,
+/// Materials of an asset as they are now, and what points reflect with.
+pub struct Surfaces {
+    materials: Vec<Material>,
     /// As they were when the points' averages were made.
-    pub baked: Vec<Material>,
-    pub tables: Vec<Measured>,
+    baked: Vec<Material>,
+    tables: Vec<Measured>,
     /// `[points]`, or empty while no material needs them.
     details: Vec<Detail>,
 }
 
 impl Surfaces {
     /// Those of an asset.
-    pub fn new(asset: &Asset) -> Self {
+    pub(super) fn new(asset: &Asset) -> Self {
         let (materials, tables) = (asset.materials().to_vec(), asset.tables().to_vec());
         let mut surfaces = Surfaces { baked: materials.clone(), materials, tables, details: Vec::new() };
         surfaces.fill_details(asset, None);
         surfaces
+    }
+
+    /// Materials as they are now, as the asset numbers them.
+    pub fn materials(&self) -> &[Material] {
+        &self.materials
+    }
+
+    /// Materials as they were when the points' averages were made.
+    pub fn baked(&self) -> &[Material] {
+        &self.baked
+    }
+
+    /// Measured tables: the asset's, then those that were added.
+    pub fn tables(&self) -> &[Measured] {
+        &self.tables
+    }
+
+    /// Adds a table; returns its number.
+    pub(super) fn add_table(&mut self, table: Measured) -> u32 {
+        self.tables.push(table);
+        self.tables.len() as u32 - 1
     }
 
     /// Roughness of a point whose average was `roughness` when the material was baked.
@@ -60,7 +81,7 @@ impl Surfaces {
     }
 
     /// [`super::Relighter::set_material`].
-    pub fn set(&mut self, asset: &Asset, index: usize, material: Material) -> Result<(), RuntimeError> {
+    pub(super) fn set(&mut self, asset: &Asset, index: usize, material: Material) -> Result<(), RuntimeError> {
         let error = |what: &str| RuntimeError::Material { name: material.name.clone(), what: what.to_string() };
         let baked = self.baked.get(index).ok_or_else(|| error("there is no material of that number"))?;
         let opacity = |m: &Material| {

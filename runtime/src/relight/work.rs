@@ -143,7 +143,7 @@ impl Work<'_> {
     /// Vector irradiance, and what bent normals need beside it.
     fn diffuse(&self, patch: &Patch, held: Held, part: &mut Part) {
         let mut second = [[0.0; 6]; PATCH_POINTS];
-        let is_bent = !part.lune.elements.is_empty() && is_bent(&patch.surfaces, &self.surfaces.baked);
+        let is_bent = !part.lune.elements.is_empty() && is_bent(&patch.surfaces, self.surfaces.baked());
         let second = if is_bent { &mut second[..patch.len()] } else { &mut [] };
         let irradiance = &mut *part.irradiance.elements;
         self.layers.diffuse(patch, held, part.diffuse_rows.elements, &mut Diffuse::new(irradiance, second));
@@ -155,7 +155,7 @@ impl Work<'_> {
     /// Radiance of a whole clear coat, where the patch has one.
     fn coat(&self, patch: &Patch, first: usize, eye: [f32; 3], coat: &mut [[f32; 3]]) {
         let (averages, surfaces) = (&patch.surfaces, self.surfaces);
-        if !averages.material.iter().any(|material| surfaces.materials[*material as usize].clearcoat > 0.0) {
+        if !averages.material.iter().any(|material| surfaces.materials()[*material as usize].clearcoat > 0.0) {
             return;
         }
         let (mut lobes, mut terms) = ([PointLobe::NONE; PATCH_POINTS], [Glossy::default(); PATCH_POINTS]);
