@@ -1,7 +1,7 @@
 //! An app with its scene inside: no file is opened, and nothing of the arrays that shading reads is copied.
 //!
 //! `cargo run -p prelight-runtime --example embedded`. The asset was made with
-//! `prelight bake box.glb --edge-length 0.5 && prelight pack box.prelight.json` from a floor and a box.
+//! `prelight bake box.glb --edge-length 0.5 && prelight pack box.prelight.json` from a floor and a box, its report emptied.
 
 use prelight_runtime::asset::{Aligned, Asset};
 use prelight_runtime::environment::{LightCubemap, sky};

@@ -31,7 +31,7 @@ pub enum RuntimeError {
         help: String,
     },
     /// Bytes that would be needed exceed the limit given.
-    #[error("{what} needs {needed} bytes, the limit is {limit}\n  help: raise --memory or make it smaller")]
+    #[error("{what} needs {needed} bytes, the limit is {limit}")]
     Memory {
         /// What was to be allocated.
         what: String,

@@ -22,6 +22,7 @@
 use super::image::Image;
 use super::raster::{Edges, Fragment, TILE, TileFragments, Visibility, blend_corners};
 use super::threads::map_indices;
+use super::tonemap::{automatic_exposure, expose};
 use crate::brdf::{Measured, Place};
 use crate::camera::Camera;
 use crate::chunk::mesh::{Lit, Mesh};
@@ -80,6 +81,16 @@ pub struct Frame {
     pub coverage: Vec<f32>,
     /// `[height · width]` all samples hit a surface: where pictures are compared.
     pub mask: Vec<bool>,
+}
+
+impl Frame {
+    /// PNG bytes for a screen: exposed so that all but the brightest twentieth of the surfaces keep their detail.
+    ///
+    /// # Errors
+    /// For a frame without pixels.
+    pub fn to_png(&self) -> Result<Vec<u8>, RuntimeError> {
+        expose(&self.image, automatic_exposure(&self.image, &self.mask)).to_png()
+    }
 }
 
 /// Rasterises and shades.
