@@ -61,7 +61,7 @@ pub struct GlossyRow {
 pub fn lobe_sizes(asset: &Asset) -> LobeSizes {
     let solid = Icosahedron::new(MAX_LEVEL);
     let mut sizes = LobeSizes { points: asset.n_points() as u64, levels: vec![0; MAX_LEVEL + 2], ..LobeSizes::default() };
-    for patch in &asset.patches {
+    for patch in asset.patches() {
         let Some(transfer) = patch.transfer() else {
             sizes.levels[MAX_LEVEL + 1] += patch.points.len() as u64;
             continue;
@@ -87,7 +87,7 @@ fn levels(asset: &Asset) -> Vec<Option<usize>> {
             None => vec![None; patch.points.len()],
         }
     };
-    asset.patches.iter().flat_map(of).collect()
+    asset.patches().iter().flat_map(of).collect()
 }
 
 /// Fills, coarse to fine; the last is for points without slices.
@@ -124,7 +124,7 @@ fn shapes(asset: &Asset, camera: &Camera, size: [usize; 2]) -> Option<Vec<Shape>
     let rays = CameraRays::new(camera, size[0], size[1]).ok()?;
     let levels = levels(asset);
     let mut shapes = Vec::new();
-    for (index, object) in asset.objects.iter().enumerate() {
+    for (index, object) in asset.objects().iter().enumerate() {
         let mesh = asset.mesh(index);
         for triangle in mesh.triangles {
             let corners = triangle.map(|v| rays.homogeneous(mesh.position[v as usize]));

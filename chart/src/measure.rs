@@ -48,11 +48,11 @@ pub struct Measured {
 /// The patches of the sample: about `points` points, spread evenly; patches whose points see nothing are left out.
 pub fn sample(asset: &Asset, points: usize) -> Vec<usize> {
     let sees = |patch: &usize| {
-        let visibility = asset.patches[*patch].visibility();
+        let visibility = asset.patches()[*patch].visibility();
         (0..visibility.len()).any(|point| !visibility.point(point).is_blind())
     };
-    let seeing: Vec<usize> = (0..asset.patches.len()).filter(sees).collect();
-    let total: usize = seeing.iter().map(|patch| asset.patches[*patch].points.len()).sum();
+    let seeing: Vec<usize> = (0..asset.patches().len()).filter(sees).collect();
+    let total: usize = seeing.iter().map(|patch| asset.patches()[*patch].points.len()).sum();
     let wanted = (seeing.len() * points).div_ceil(total.max(1)).clamp(1, seeing.len().max(1));
     (0..wanted.min(seeing.len())).map(|i| seeing[i * seeing.len() / wanted]).collect()
 }
@@ -71,7 +71,7 @@ pub fn measure(
     progress: &dyn Progress,
 ) -> Result<Vec<Measured>, BakeError> {
     let stage = Stage::begin(progress, "measure", Some(techniques.len() as u64 * (ROUNDS + 1) as u64), "runs");
-    let n_points: usize = sample.iter().map(|patch| asset.patches[*patch].points.len()).sum();
+    let n_points: usize = sample.iter().map(|patch| asset.patches()[*patch].points.len()).sum();
     let mut shader = Shader::new(light.face_resolution);
     let mut states = Vec::new();
     for technique in techniques.iter().copied() {
@@ -80,9 +80,9 @@ pub fn measure(
         let prepared = PreparedLight::new(technique, light);
         let prepare_seconds = 1e-9 * (thread_nanoseconds() - start);
         let start = thread_nanoseconds();
-        let baked: Vec<BakedPatch> = sample.iter().map(|patch| BakedPatch::new(technique, tables, &asset.patches[*patch])).collect();
+        let baked: Vec<BakedPatch> = sample.iter().map(|patch| BakedPatch::new(technique, tables, &asset.patches()[*patch])).collect();
         let conversion_ns = (thread_nanoseconds() - start) / n_points.max(1) as f64;
-        let bytes: usize = baked.iter().zip(sample).map(|(baked, patch)| baked.bytes(technique, &asset.patches[*patch])).sum();
+        let bytes: usize = baked.iter().zip(sample).map(|(baked, patch)| baked.bytes(technique, &asset.patches()[*patch])).sum();
         let measured =
             Measured { bytes_per_point: bytes as f64 / n_points.max(1) as f64, prepare_seconds, conversion_ns, ..Measured::default() };
         states.push(State { technique, prepared, baked, measured, spent: Vec::new(), out: Vec::new() });
@@ -93,7 +93,7 @@ pub fn measure(
             let (mut spent, mut points) = (Spent::default(), 0);
             state.out.resize(sample.len(), PatchLight::default());
             for ((patch, baked), out) in sample.iter().zip(&state.baked).zip(&mut state.out) {
-                let patch = &asset.patches[*patch];
+                let patch = &asset.patches()[*patch];
                 let count = points_of(state.technique, patch.points.len());
                 let part = shader.shade(state.technique, &state.prepared, patch, baked, eye, count, out);
                 spent.product += part.product;
@@ -154,7 +154,7 @@ pub(super) fn oracle(
     use rayon::prelude::*;
     let patch = |patch: &usize| {
         check(progress)?;
-        let patch = &asset.patches[*patch];
+        let patch = &asset.patches()[*patch];
         let (position, surfaces, visibility) = (patch.points().position, patch.surfaces(), patch.visibility());
         let mut open = vec![0; open_words(light.face_resolution)];
         let mut compared = Vec::new();
@@ -204,7 +204,7 @@ pub(super) fn compared(
 ) -> Compared {
     let (mut test, mut reference) = (Vec::new(), Vec::new());
     for ((patch, out), truth) in sample.iter().zip(out).zip(truth) {
-        let patch = &asset.patches[*patch];
+        let patch = &asset.patches()[*patch];
         let (position, surfaces) = (patch.points().position, patch.surfaces());
         let count = points_of(technique, patch.points.len());
         for (point, expected) in truth.iter().filter(|(point, _)| *point < count) {

@@ -114,12 +114,12 @@ pub fn measure_moving(
     let stage = Stage::begin(progress, motion.name(), Some((techniques.len() * FRAMES) as u64), "runs");
     let n = asset.manifest().content.face_resolution as usize;
     let mut shader = Shader::new(n);
-    let mut light = LightCubemap::from_environment(environment, n).0;
+    let mut light = LightCubemap::from_environment(environment, n);
     let mut states: Vec<State> = (techniques.iter())
         .map(|technique| State {
             technique: *technique,
             prepared: PreparedLight::new(*technique, &light),
-            baked: sample.iter().map(|patch| BakedPatch::new(*technique, tables, &asset.patches[*patch])).collect(),
+            baked: sample.iter().map(|patch| BakedPatch::new(*technique, tables, &asset.patches()[*patch])).collect(),
             out: vec![PatchLight::default(); sample.len()],
             spent: Vec::new(),
             prepare: Vec::new(),
@@ -132,7 +132,7 @@ pub fn measure_moving(
     for frame in 0..FRAMES {
         let (environment, camera) = motion.frame(environment, camera, frame);
         if motion == Motion::Light && frame > 0 {
-            light = LightCubemap::from_environment(&environment, n).0;
+            light = LightCubemap::from_environment(&environment, n);
         }
         let truth = oracle(asset, sample, &light, camera.eye, progress)?;
         let row: Vec<[f32; 3]> = truth.iter().flatten().map(|(_, radiance)| *radiance).collect();
@@ -147,7 +147,7 @@ pub fn measure_moving(
             }
             let (mut spent, mut points) = ([0.0; 2], 0);
             for ((patch, baked), out) in sample.iter().zip(&state.baked).zip(&mut state.out) {
-                let patch = &asset.patches[*patch];
+                let patch = &asset.patches()[*patch];
                 let count = points_of(state.technique, patch.points.len());
                 let part = shader.shade(state.technique, &state.prepared, patch, baked, camera.eye, count, out);
                 spent[0] += part.product;

@@ -136,7 +136,7 @@ pub fn paper_rows(
 fn points(asset: &Asset, sample: &[usize], n: usize) -> Vec<Point> {
     let mut points = Vec::new();
     let mut open = vec![0; open_words(n)];
-    for patch in sample.iter().map(|patch| &asset.patches[*patch]) {
+    for patch in sample.iter().map(|patch| &asset.patches()[*patch]) {
         let (position, surfaces, visibility) = (patch.points().position, patch.surfaces(), patch.visibility());
         let mut compared = 0;
         for i in 0..visibility.len() {

@@ -52,7 +52,7 @@ impl Technique {
 
     /// What can be charted of an asset: [`Technique::ALL`], and lobes where there are any.
     pub fn of(asset: &Asset) -> Vec<Technique> {
-        let has_lobes = asset.patches.iter().any(|patch| patch.transfer().is_some());
+        let has_lobes = asset.patches().iter().any(|patch| patch.transfer().is_some());
         Self::ALL.into_iter().chain(has_lobes.then_some(Technique::VmfTransfer)).collect()
     }
 

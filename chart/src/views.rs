@@ -26,7 +26,7 @@ pub struct ChartView {
 
 /// `count` views of an asset, at least one; the same for the same asset and count.
 pub fn views(asset: &Asset, aspect: f32, count: usize) -> Vec<ChartView> {
-    let meshes: Vec<Mesh> = (0..asset.objects.len()).map(|object| asset.mesh(object)).collect();
+    let meshes: Vec<Mesh> = (0..asset.objects().len()).map(|object| asset.mesh(object)).collect();
     let automatic = || ("automatic".to_string(), automatic_view(&meshes, asset.materials(), &asset.textures(), aspect));
     let mut cameras: Vec<(String, Camera)> = asset.cameras().iter().map(|camera| (camera.name.clone(), camera.camera)).collect();
     if cameras.is_empty() {

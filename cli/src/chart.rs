@@ -274,7 +274,7 @@ fn bake_seconds(folder: &Path, baked: &Summary, cpu_seconds: f64, was_empty: boo
 fn lights(names: Vec<String>, asset: &Asset, context: &Context) -> Result<Vec<ChartLight>, Failure> {
     let light = |name: String| {
         let environment = open_environment(asset, &name, 0.0, context)?;
-        let (cubemap, _) = LightCubemap::from_environment(&environment, asset.manifest().content.face_resolution as usize);
+        let cubemap = LightCubemap::from_environment(&environment, asset.face_resolution());
         Ok(ChartLight { name, environment, cubemap })
     };
     names.into_iter().map(light).collect()

@@ -224,7 +224,7 @@ impl Chart<'_> {
         let mut last: Vec<Option<Image>> = vec![None; drawn.len() + 1];
         for frame in [FRAMES - 2, FRAMES - 1] {
             let (environment, camera) = motion.frame(&light.environment, &view.camera, frame);
-            let cubemap = LightCubemap::from_environment(&environment, light.cubemap.face_resolution).0;
+            let cubemap = LightCubemap::from_environment(&environment, light.cubemap.face_resolution);
             let picture = PictureView::new(self.asset, &camera, self.size(), self.args.samples as usize)?;
             let techniques = std::iter::once(plain).chain(drawn.iter().map(|i| self.techniques[*i]));
             for (at, technique) in techniques.enumerate() {
@@ -258,7 +258,7 @@ impl Chart<'_> {
         let traced = probe.picture(&Picture { camera: view.camera, size, samples: 1, clay: false }, self.context)?;
         let pixels = f64::from(width * height) / f64::from(small[0] * small[1]);
         let reference = traced.seconds * pixels * f64::from(self.args.reference.max(SAMPLES)) / f64::from(SAMPLES);
-        let Some(patch) = self.sample.first().map(|patch| &self.asset.patches[*patch]) else { return Ok(reference) };
+        let Some(patch) = self.sample.first().map(|patch| &self.asset.patches()[*patch]) else { return Ok(reference) };
         let technique = Technique::HaarTriple { share: 0.1 };
         let few = patch.points.len().min(8);
         let (prepared, baked) = (PreparedLight::new(technique, &light.cubemap), BakedPatch::new(technique, &self.tables, patch));

@@ -23,15 +23,18 @@ use prelight_runtime::asset::Asset;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{compare, unbiased_relative_l2};
 use prelight_runtime::draw::tonemap::{automatic_exposure, expose};
+use prelight_runtime::draw::{Background, Style};
+use prelight_runtime::light::layer::Indirect;
 use prelight_runtime::relight::Relighter;
 use prelight_store::Store;
 use serde_json::Value;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// The chart of a baked scene.
 pub fn ld09(
     args: &ChartArgs,
-    (asset, store): (&Asset, &Store),
+    (asset, store): (&Arc<Asset>, &Store),
     lights: &[ChartLight],
     views: &[ChartView],
     (baked, [bake_seconds, bake_cpu_seconds]): (&Summary, [f64; 2]),
@@ -51,7 +54,7 @@ pub fn ld09(
             hasher.update(&value.to_le_bytes());
         });
     }
-    for object in &asset.objects {
+    for object in asset.objects() {
         hasher.update(&object.edge_length.to_le_bytes());
     }
     let chart = Ld09 { args, context, store, scene: hasher.finalize().to_hex().to_string() };
@@ -68,7 +71,7 @@ pub fn ld09(
     let mut text = glossy_text(&sizes, sizes.points - split.min(sizes.points), [bake_seconds, bake_cpu_seconds], &rows);
     let mut summary = Summary::new();
     if !args.uniform.is_empty() {
-        let edge_length = asset.objects.iter().map(|object| f64::from(object.edge_length)).fold(0.0, f64::max);
+        let edge_length = asset.objects().iter().map(|object| f64::from(object.edge_length)).fold(0.0, f64::max);
         let adaptive = mesh_error(edge_length, &sizes, &rows);
         let uniform = chart.uniform(lights, views)?;
         text += &format!("\n{}", uniform_text(&adaptive, &uniform));
@@ -147,12 +150,12 @@ impl Ld09<'_> {
     }
 
     /// Figures of an asset in every view under every light; pictures of them if they are wanted.
-    fn rows(&self, asset: &Asset, lights: &[ChartLight], views: &[ChartView], with_pictures: bool) -> Result<Vec<GlossyRow>, Failure> {
+    fn rows(&self, asset: &Arc<Asset>, lights: &[ChartLight], views: &[ChartView], with_pictures: bool) -> Result<Vec<GlossyRow>, Failure> {
         let mut rows = Vec::new();
         for light in lights {
             let mut truths = [None, None];
-            let mut relighter = Relighter::new(asset);
-            relighter.set_light(&light.cubemap);
+            let mut relighter = Relighter::new(asset.clone());
+            relighter.set_light(&light.cubemap)?;
             for (i, chart_view) in views.iter().enumerate() {
                 check(self.context.progress())?;
                 let [with_bounces, direct_alone] = &mut truths;
@@ -161,12 +164,12 @@ impl Ld09<'_> {
                 let Picture { camera, size, samples, .. } = self.picture(chart_view);
                 let view = relighter.view(&camera, size, samples)?;
                 let mut picture = |is_on: bool| -> Result<(Image, f64), Failure> {
-                    relighter.set_indirect(is_on);
+                    relighter.set_indirect(if is_on { Indirect::Added } else { Indirect::LeftOut });
                     // Diffuse light is kept; what is timed is a moved eye.
-                    relighter.shade(camera.eye, Some(&view.points));
+                    relighter.shade(camera.eye, Some(&view.points))?;
                     let start = Instant::now();
-                    relighter.shade(camera.eye, Some(&view.points));
-                    let frame = relighter.draw(&view, &|direction| light.environment.radiance(direction), false)?;
+                    relighter.shade(camera.eye, Some(&view.points))?;
+                    let frame = relighter.draw(&view, Background::Environment(&light.environment), Style::Materials)?;
                     Ok((frame.image, start.elapsed().as_secs_f64()))
                 };
                 let ((direct, _), (full, frame_seconds)) = (picture(false)?, picture(true)?);

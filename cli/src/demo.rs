@@ -16,6 +16,7 @@ use prelight_runtime::draw::tonemap::automatic_exposure;
 use prelight_scene::demo::write_scene;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Build, bake and render a small scene; no files needed
@@ -57,7 +58,7 @@ pub fn run(args: DemoArgs, context: &Context) -> Result<Summary, Failure> {
 }
 
 /// Renders one picture and measures it against a small reference.
-fn picture(asset: &Asset, camera: &str, light: &str, path: &Path, size: (u32, u32), context: &Context) -> Result<Value, Failure> {
+fn picture(asset: &Arc<Asset>, camera: &str, light: &str, path: &Path, size: (u32, u32), context: &Context) -> Result<Value, Failure> {
     let stage = Stage::begin(context.progress(), "render", None, "pictures");
     let environment = open_environment(asset, light, 0.0, context)?;
     let view = |size| ViewArgs { size, camera: Some(camera.to_string()), eye: None, look_at: None, fov: None };

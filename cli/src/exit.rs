@@ -88,6 +88,9 @@ impl Failure {
             } else if !words.message.contains(&head) {
                 words.message = format!("{}: {head}", words.message);
             }
+            if let Some(help) = option_that_helps(cause) {
+                words.help.push(help.to_string());
+            }
             if let Some(path) = missing_file(cause) {
                 words.help.push(super::suggest::missing(path));
             }
@@ -101,6 +104,15 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
         let error = error.into();
         Failure { code: code_of(&error), error }
     }
+}
+
+/// The option of this command that gives what the runtime lacks: its errors know no command line.
+fn option_that_helps(cause: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
+    let runtime = match (cause.downcast_ref::<RuntimeError>(), cause.downcast_ref::<BakeError>()) {
+        (Some(error), _) | (None, Some(BakeError::Runtime(error))) => error,
+        _ => return None,
+    };
+    matches!(runtime, RuntimeError::Memory { .. }).then_some("raise --memory or make it smaller")
 }
 
 /// The file that is not there, of an error that says so.
@@ -226,6 +238,11 @@ mod tests {
         assert!(words.help.is_empty() && words.places.is_empty());
         let words = Failure::from(StoreError::NoPack { path: "room.prelight".into() }).words();
         assert!(words.help.len() == 1 && words.help[0].starts_with("is the path right?"), "{words:?}");
+        let words = Failure::from(RuntimeError::Memory { what: "image".into(), needed: 2, limit: 1 }).words();
+        assert_eq!(
+            (words.message.as_str(), words.help),
+            ("image needs 2 bytes, the limit is 1", vec!["raise --memory or make it smaller".to_string()])
+        );
         let words = Failure::from(BakeError::Cancelled).words();
         assert_eq!(words.message, "interrupted");
         assert_eq!(words.help.len(), 1);

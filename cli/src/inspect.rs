@@ -18,11 +18,13 @@ use prelight_runtime::draw::flip::flip_map;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::compare;
 use prelight_runtime::draw::tonemap::{expose, srgb_from_linear};
+use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{Environment, LightCubemap};
 use prelight_runtime::relight::{Relighter, View};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// What `--map` draws.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -94,17 +96,17 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
     let chosen = |name: &str| {
         glob.as_ref().is_none_or(|glob| glob.is_match(name) || name.rsplit('/').next().is_some_and(|last| glob.is_match(last)))
     };
-    let flags = |patches: std::ops::Range<usize>| asset.patches[patches].iter().flat_map(|patch| patch.points().flags.to_vec());
+    let flags = |patches: std::ops::Range<usize>| asset.patches()[patches].iter().flat_map(|patch| patch.points().flags.to_vec());
     let mut objects: Vec<Value> = Vec::new();
     let directions = 6 * manifest.content.face_resolution * manifest.content.face_resolution;
-    for (object, entry) in asset.objects.iter().zip(&manifest.content.objects).filter(|(object, _)| chosen(&object.name)) {
+    for (object, entry) in asset.objects().iter().zip(&manifest.content.objects).filter(|(object, _)| chosen(&object.name)) {
         let buried = flags(object.patches.clone()).filter(|flags| flags & BURIED != 0).count();
         let mut bytes = BTreeMap::from([("total".to_string(), object_bytes(entry)), ("mesh".to_string(), entry.mesh.bytes)]);
         for factor in entry.patches.iter().flat_map(|patch| &patch.factors) {
             *bytes.entry(factor.kind.to_string()).or_default() += factor.bytes;
         }
         let has_visibility = |patch: &&AssetPatch| patch.factor(ChunkKind::Visibility).is_some();
-        let steps = asset.patches[object.patches.clone()].first().filter(has_visibility).and_then(|patch| patch.visibility().steps());
+        let steps = asset.patches()[object.patches.clone()].first().filter(has_visibility).and_then(|patch| patch.visibility().steps());
         let shades = Shades::of_steps(steps).unwrap_or_default().name();
         let measured = measured(asset, &object.name);
         objects.push(json!({
@@ -120,7 +122,7 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
         .set("asset", args.asset.display().to_string())
         .set("asset_digest", manifest.asset_digest.to_string())
         .set("points", asset.n_points())
-        .set("patches", asset.patches.len())
+        .set("patches", asset.patches().len())
         .set("bytes.resident", asset.resident_bytes())
         .set("bytes.by_kind", serde_json::to_value(&by_kind)?)
         .set("materials", asset.materials().len())
@@ -197,30 +199,30 @@ struct Clay {
 }
 
 /// Clay under an even sky.
-fn clay(asset: &Asset, args: &InspectArgs) -> Result<Clay, Failure> {
+fn clay(asset: &Arc<Asset>, args: &InspectArgs) -> Result<Clay, Failure> {
     let camera = camera(asset, &args.view)?;
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
     let sky = Environment::new(2, 1, vec![[1.0; 3]; 2]);
-    let (light, _) = LightCubemap::from_environment(&sky, asset.manifest().content.face_resolution as usize);
-    let mut relighter = Relighter::new(asset);
-    relighter.set_light(&light);
+    let light = LightCubemap::from_environment(&sky, asset.face_resolution());
+    let mut relighter = Relighter::new(asset.clone());
+    relighter.set_light(&light)?;
     let view = relighter.view(&camera, size, 4)?;
-    relighter.shade_diffuse(Some(&view.points));
-    let image = relighter.draw(&view, &|_| [0.02; 3], true)?.image;
+    relighter.shade_diffuse(Some(&view.points))?;
+    let image = relighter.draw(&view, Background::Uniform([0.02; 3]), Style::Clay)?.image;
     Ok(Clay { image, rays: CameraRays::new(&camera, size[0], size[1])?, view })
 }
 
 /// Clay under an even sky, with a dot in the colour of what is asked at every point of an object.
-fn map_objects(asset: &Asset, args: &InspectArgs, map: Map, output: &Path) -> Result<Summary, Failure> {
+fn map_objects(asset: &Arc<Asset>, args: &InspectArgs, map: Map, output: &Path) -> Result<Summary, Failure> {
     let Clay { mut image, rays, view } = clay(asset, args)?;
     let size = [image.width, image.height];
     let entries = &asset.manifest().content.objects;
     let mut techniques: Vec<&str> = entries.iter().map(|entry| entry.technique.as_str()).collect();
     techniques.sort_unstable();
     techniques.dedup();
-    let density: Vec<f64> = (asset.objects.iter().zip(entries))
+    let density: Vec<f64> = (asset.objects().iter().zip(entries))
         .map(|(object, entry)| {
-            let patches = &asset.patches[object.patches.clone()];
+            let patches = &asset.patches()[object.patches.clone()];
             let area: f64 = patches.iter().flat_map(|patch| patch.points().area).map(|area| f64::from(*area)).sum();
             object_bytes(entry) as f64 / area.max(f64::MIN_POSITIVE)
         })
@@ -236,9 +238,9 @@ fn map_objects(asset: &Asset, args: &InspectArgs, map: Map, output: &Path) -> Re
         }
         _ => heat(((density[object] / median).log10() as f32 + 1.0) / 2.0),
     };
-    for (object, asset_object) in asset.objects.iter().enumerate() {
+    for (object, asset_object) in asset.objects().iter().enumerate() {
         let tint = color(object);
-        for patch in &asset.patches[asset_object.patches.clone()] {
+        for patch in &asset.patches()[asset_object.patches.clone()] {
             for (_, position) in patch.points().position.iter().enumerate().filter(|(i, _)| view.points[patch.points.start + i]) {
                 let [x, y, w] = rays.homogeneous(*position);
                 let [x, y] = [x / w, y / w].map(f64::floor);
@@ -281,11 +283,11 @@ fn heat(share: f32) -> [f32; 3] {
 }
 
 /// Clay under an even sky, with a dot at every point that the picture is interpolated from; buried points red.
-fn map_points(asset: &Asset, args: &InspectArgs, output: &Path) -> Result<Summary, Failure> {
+fn map_points(asset: &Arc<Asset>, args: &InspectArgs, output: &Path) -> Result<Summary, Failure> {
     let Clay { mut image, rays, view } = clay(asset, args)?;
     let size = [image.width, image.height];
     let (mut shown, mut buried) = (0u64, 0u64);
-    for patch in &asset.patches {
+    for patch in asset.patches() {
         let points = patch.points();
         for (i, position) in points.position.iter().enumerate().filter(|(i, _)| view.points[patch.points.start + i]) {
             let is_buried = points.flags[i] & BURIED != 0;
@@ -306,7 +308,7 @@ fn map_points(asset: &Asset, args: &InspectArgs, output: &Path) -> Result<Summar
 }
 
 /// FLIP of the bake against the reference, black (equal) to white.
-fn map_error(asset: &Asset, args: &InspectArgs, output: &Path, context: &Context) -> Result<Summary, Failure> {
+fn map_error(asset: &Arc<Asset>, args: &InspectArgs, output: &Path, context: &Context) -> Result<Summary, Failure> {
     let Some(name) = &args.environment else {
         return Err(Failure::text(ExitCode::Usage, "an error map needs a light\n  help: -e FILE or -e NAME"));
     };

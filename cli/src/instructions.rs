@@ -1,6 +1,7 @@
 //! `PRELIGHT_SIMD`: the instructions that a user asks for.
 
 use super::{ExitCode, Failure};
+use prelight_runtime::light::SimdPath;
 
 const VARIABLE: &str = "PRELIGHT_SIMD";
 /// What it may say; nothing means the best that the CPU has.
@@ -24,7 +25,9 @@ fn check_value(value: &str) -> Result<(), Failure> {
 
 /// The instructions in force, the variable heeded.
 pub fn in_force() -> String {
-    let (tracing, shading) = (prelight_bake::trace::SimdPath::detect(), prelight_runtime::block_product::SimdPath::detect());
+    let shading = SimdPath::detect();
+    // There is no wider path for tracing.
+    let tracing = shading.min(SimdPath::Avx2);
     format!("tracing {tracing:?}, shading {shading:?}").to_lowercase()
 }
 

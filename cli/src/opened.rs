@@ -14,12 +14,13 @@ use prelight_runtime::error::RuntimeError;
 use prelight_store::Store;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Vertical field of view of `--eye`, degrees, where `--fov` is not given.
 const DEFAULT_FOV: f32 = 45.0;
 
 /// Opens an asset, packed or not: `--store` wins over the store that a manifest names, which is relative to the manifest's folder.
-pub fn open_asset(file: &Path, context: &Context) -> Result<Asset, Failure> {
+pub fn open_asset(file: &Path, context: &Context) -> Result<Arc<Asset>, Failure> {
     let opened = match is_pack(file) {
         Ok(true) => Asset::open_file(file, None),
         _ => {
@@ -27,7 +28,7 @@ pub fn open_asset(file: &Path, context: &Context) -> Result<Asset, Failure> {
             Asset::open(manifest, &store)
         }
     };
-    opened.map_err(|error| match error {
+    opened.map(Arc::new).map_err(|error| match error {
         // The manifest is a chunk to the runtime, which knows no file; a person has a file in hand.
         RuntimeError::Chunk { kind: "asset", what, .. } => {
             let text = format!("{}: {what}, or damaged\n  help: bake again, or take the file from a copy", file.display());
@@ -111,6 +112,6 @@ pub fn camera(asset: &Asset, view: &ViewArgs) -> Result<Camera, Failure> {
 }
 
 fn automatic_camera(asset: &Asset, view: &ViewArgs) -> Camera {
-    let meshes: Vec<Mesh> = (0..asset.objects.len()).map(|object| asset.mesh(object)).collect();
+    let meshes: Vec<Mesh> = (0..asset.objects().len()).map(|object| asset.mesh(object)).collect();
     automatic_view(&meshes, asset.materials(), &asset.textures(), view.size.0 as f32 / view.size.1 as f32)
 }

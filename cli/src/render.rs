@@ -15,9 +15,12 @@ use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{Metrics, compare};
 use prelight_runtime::draw::shade::Frame;
 use prelight_runtime::draw::tonemap::{automatic_exposure, expose, exposure_from_ev};
+use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{Environment, LightCubemap};
+use prelight_runtime::light::layer::{Highlights, Indirect};
 use prelight_runtime::relight::{Relighter, View};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Render an image from a bake under any environment
@@ -139,49 +142,52 @@ pub struct Picture {
 }
 
 /// A picture drawn from a bake, and what drew it.
-pub struct Relit<'a> {
-    relighter: Relighter<'a>,
+pub struct Relit {
+    relighter: Relighter,
     view: View,
     pub frame: Frame,
 }
 
-impl Relit<'_> {
+impl Relit {
     /// The same pixels, each moved to a point.
     pub fn at_points(&self, clay: bool) -> Result<PointImage, Failure> {
-        Ok(self.relighter.draw_at_points(&self.view, clay)?)
+        Ok(self.relighter.draw_at_points(&self.view, Style::clay_if(clay))?)
     }
 }
 
 /// The picture from the bake alone.
-pub fn relight<'a>(
-    asset: &'a Asset,
+pub fn relight(
+    asset: &Arc<Asset>,
     environment: &Environment,
     picture: &Picture,
     accuracy: Accuracy,
     summary: &mut Summary,
-) -> Result<Relit<'a>, Failure> {
+) -> Result<Relit, Failure> {
     let clock = Instant::now();
-    let (light, energy) = LightCubemap::from_environment(environment, asset.manifest().content.face_resolution as usize);
-    let mut relighter = Relighter::new(asset);
+    let (light, energy) = LightCubemap::with_energy(environment, asset.face_resolution());
+    let mut relighter = Relighter::new(asset.clone());
     // Clay has its own bounces, which nobody baked.
-    relighter.set_indirect(!picture.clay);
+    relighter.set_indirect(if picture.clay { Indirect::LeftOut } else { Indirect::Added });
     relighter.set_accuracy(accuracy);
     // For pictures that are made once; an app with a moving light would wait for the filtered light that it takes.
     if picture.clay || accuracy == Accuracy::FINE {
-        relighter.set_highlights(!picture.clay);
+        relighter.set_highlights(if picture.clay { Highlights::Interpolated } else { Highlights::PerPixel });
     }
-    relighter.set_light(&light);
+    relighter.set_light(&light)?;
     summary.set("seconds.prepare", clock.elapsed().as_secs_f64());
     summary.set("energy.before", energy.before.to_vec()).set("energy.after", energy.after.to_vec());
     let clock = Instant::now();
     let view = relighter.view(&picture.camera, picture.size, picture.samples)?;
     let raster = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
-    let shaded =
-        if picture.clay { relighter.shade_diffuse(Some(&view.points)) } else { relighter.shade(picture.camera.eye, Some(&view.points)) };
+    let shaded = if picture.clay {
+        relighter.shade_diffuse(Some(&view.points))?
+    } else {
+        relighter.shade(picture.camera.eye, Some(&view.points))?
+    };
     summary.set("seconds.shade", clock.elapsed().as_secs_f64()).set("points_shaded", shaded);
     let clock = Instant::now();
-    let frame = relighter.draw(&view, &|direction| environment.radiance(direction), picture.clay)?;
+    let frame = relighter.draw(&view, Background::Environment(environment), Style::clay_if(picture.clay))?;
     summary.set("seconds.draw", raster + clock.elapsed().as_secs_f64());
     Ok(Relit { relighter, view, frame })
 }

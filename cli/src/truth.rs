@@ -88,7 +88,7 @@ impl<'a> Truth<'a> {
             samples_per_pixel: self.samples,
             bounces: self.bounces,
             clay: picture.clay,
-            edge_lengths: self.asset.objects.iter().map(|object| object.edge_length).collect(),
+            edge_lengths: self.asset.objects().iter().map(|object| object.edge_length).collect(),
             ..ReferenceOptions::default()
         }
     }

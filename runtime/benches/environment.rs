@@ -27,7 +27,7 @@ fn filter(criterion: &mut Criterion) {
         let (width, height) = (1024, 512);
         let pixels = (0..width * height).map(|i| [1.0 + (i % 7) as f32, (i % 11) as f32, (i % 3) as f32]).collect();
         let environment = Environment::new(width, height, pixels);
-        let (light, _) = LightCubemap::from_environment(&environment, n);
+        let light = LightCubemap::from_environment(&environment, n);
         let filtered = FilteredLight::prepare(&light);
         let mean: f64 = light.flux.iter().map(|flux| f64::from(flux[0])).sum::<f64>() / (4.0 * std::f64::consts::PI);
         let got = f64::from(filtered.lookup([0.6, 0.0, 0.8], 8.0)[0]);

@@ -31,7 +31,7 @@ pub enum RuntimeError {
         help: String,
     },
     /// Bytes that would be needed exceed the limit given.
-    #[error("{what} needs {needed} bytes, the limit is {limit}\n  help: raise --memory or make it smaller")]
+    #[error("{what} needs {needed} bytes, the limit is {limit}")]
     Memory {
         /// What was to be allocated.
         what: String,
@@ -55,6 +55,25 @@ pub enum RuntimeError {
         name: String,
         /// What is in the way.
         what: String,
+    },
+    /// Shading before there was a light.
+    #[error("there is no light yet: a light is set before points are shaded")]
+    NoLight,
+    /// A light of another cubemap than the asset's.
+    #[error("the light has faces of {found} texels, the asset was baked for {expected}: make it with the asset's face resolution")]
+    FaceResolution {
+        /// Texels along a side of the light's faces.
+        found: usize,
+        /// The asset's.
+        expected: usize,
+    },
+    /// An array with another number of elements than the asset has points.
+    #[error("{found} flags of wanted points, the asset has {expected} points: a view of another asset?")]
+    Points {
+        /// Elements given.
+        found: usize,
+        /// Points of the asset.
+        expected: usize,
     },
     /// A camera that shows nothing.
     #[error("camera: {what}")]

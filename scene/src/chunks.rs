@@ -47,7 +47,7 @@ pub fn scene_from_asset(asset: &Asset) -> Scene {
     };
     let textures = asset.textures().into_iter().map(|texture| Texture { texels: Cow::Owned(texture.texels.into_owned()), ..texture });
     Scene {
-        objects: asset.objects.iter().enumerate().map(object).collect(),
+        objects: asset.objects().iter().enumerate().map(object).collect(),
         materials: asset.materials().to_vec(),
         textures: textures.collect(),
         tables: asset.tables().to_vec(),

@@ -11,6 +11,7 @@ use prelight_runtime::asset::Asset;
 use prelight_scene::Scene;
 use prelight_store::Store;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Real input beside the repository, where it is there; says loudly when it is not.
 pub fn shared(name: &str) -> Option<PathBuf> {
@@ -28,10 +29,10 @@ pub fn bake_into(scene: &Scene, options: &BakeOptions, store: &Path) -> Baked {
 }
 
 /// Bakes at an edge length and opens what was baked. The folder may go once this returns: its files are mapped.
-pub fn baked_asset(scene: &Scene, edge_length: f32) -> Asset {
+pub fn baked_asset(scene: &Scene, edge_length: f32) -> Arc<Asset> {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let baked = bake_into(scene, &options(scene, edge_length), folder.path());
     let store = Store::open(folder.path()).expect("just written");
     let manifest = baked.seal(Default::default(), &store).expect("room on the disk");
-    Asset::open(manifest, &store).expect("just sealed")
+    Arc::new(Asset::open(manifest, &store).expect("just sealed"))
 }

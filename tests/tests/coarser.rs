@@ -7,12 +7,14 @@ use prelight_runtime::asset::mesh::Lit;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::metrics::compare;
 use prelight_runtime::draw::shade::Frame;
+use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{LightCubemap, sky};
 use prelight_runtime::relight::Relighter;
 use prelight_scene::{Primitive, Scene};
 use prelight_store::Store;
 use prelight_tests::{bake_into, cuboid, options, scene, sphere};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// A flat square of n² cells about the origin, facing up.
 fn grid(side: f32, n: u32, material: u32) -> Primitive {
@@ -37,20 +39,20 @@ fn coarser(scene: &Scene, edge_length: f32) -> BakeOptions {
     options
 }
 
-fn baked(scene: &Scene, options: &BakeOptions) -> Asset {
+fn baked(scene: &Scene, options: &BakeOptions) -> Arc<Asset> {
     let folder = tempfile::tempdir().unwrap();
     let baked = bake_into(scene, options, folder.path());
     let store = Store::open(folder.path()).unwrap();
-    Asset::open(baked.seal(Default::default(), &store).unwrap(), &store).unwrap()
+    Arc::new(Asset::open(baked.seal(Default::default(), &store).unwrap(), &store).unwrap())
 }
 
-fn draw(asset: &Asset, clay: bool) -> Frame {
-    let mut relighter = Relighter::new(asset);
-    relighter.set_light(&LightCubemap::from_environment(&sky([0.5, 0.7, 0.4]), 64).0);
+fn draw(asset: &Arc<Asset>, clay: bool) -> Frame {
+    let mut relighter = Relighter::new(asset.clone());
+    relighter.set_light(&LightCubemap::from_environment(&sky([0.5, 0.7, 0.4]), 64)).unwrap();
     let camera = Camera::upright([0.3, 0.75, 1.1], [0.0, 0.1, 0.0], 40.0).unwrap();
     let view = relighter.view(&camera, [240, 180], 16).unwrap();
-    relighter.shade(camera.eye, Some(&view.points));
-    relighter.draw(&view, &|_| [0.0; 3], clay).unwrap()
+    relighter.shade(camera.eye, Some(&view.points)).unwrap();
+    relighter.draw(&view, Background::Black, Style::clay_if(clay)).unwrap()
 }
 
 #[test]
@@ -103,13 +105,13 @@ fn no_point_is_lost_and_blends_are_means_of_near_points_with_like_normals() {
     let mut blended = 0;
     for object in 0..2 {
         let mesh = asset.mesh(object);
-        let mut place = vec![None; asset.objects[object].points.len()];
+        let mut place = vec![None; asset.objects()[object].points.len()];
         for v in 0..mesh.position.len() {
             if let Lit::Point(point) = mesh.front(v) {
                 place[point as usize] = Some((mesh.position[v], mesh.normal[v]));
             }
         }
-        let area: f32 = asset.patches[asset.objects[object].patches.clone()].iter().flat_map(|patch| patch.points().area).sum();
+        let area: f32 = asset.patches()[asset.objects()[object].patches.clone()].iter().flat_map(|patch| patch.points().area).sum();
         let expected = if object == 0 { 1.44 } else { 4.0 * std::f32::consts::PI * 0.04 };
         assert!((area / expected - 1.0).abs() < 2e-3, "areas of points sum to the surface: {area} {expected}");
         for v in 0..mesh.position.len() {

@@ -49,14 +49,14 @@ fn packed(path: &Path) {
 /// Whether all arrays of all patches lie inside these bytes.
 fn lies_in(asset: &Asset, bytes: &Range<*const u8>) -> bool {
     let within = |pointer: *const u8| bytes.contains(&pointer);
-    asset.patches.iter().all(|patch| {
+    asset.patches().iter().all(|patch| {
         let (points, surfaces, visibility) = (patch.points(), patch.surfaces(), patch.visibility());
         within(points.position.as_ptr().cast())
             && within(points.flags.as_ptr().cast())
             && within(surfaces.roughness.as_ptr().cast())
             && within(visibility.point(0).blocks.as_ptr().cast())
             && within(visibility.point(0).positions.as_ptr())
-    }) && (0..asset.objects.len()).all(|object| within(asset.mesh(object).position.as_ptr().cast()))
+    }) && (0..asset.objects().len()).all(|object| within(asset.mesh(object).position.as_ptr().cast()))
 }
 
 #[test]

@@ -13,7 +13,9 @@ use prelight_runtime::asset::Asset;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::relative_l2;
+use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{Environment, LightCubemap};
+use prelight_runtime::light::layer::Indirect;
 use prelight_runtime::relight::Relighter;
 use prelight_runtime::surface::Material;
 use prelight_scene::Scene;
@@ -63,12 +65,12 @@ fn sky() -> Environment {
     Environment::new(width, height, (0..width * height).map(pixel).collect())
 }
 
-fn open(scene: &Scene, options: &BakeOptions) -> (Asset, prelight_bake::bake::BakeStats) {
+fn open(scene: &Scene, options: &BakeOptions) -> (Arc<Asset>, prelight_bake::bake::BakeStats) {
     let folder = tempfile::tempdir().unwrap();
     let baked = bake_into(scene, options, folder.path());
     let store = Store::open(folder.path()).unwrap();
     let manifest = baked.seal(Default::default(), &store).unwrap();
-    (Asset::open(manifest, &store).unwrap(), baked.stats)
+    (Arc::new(Asset::open(manifest, &store).unwrap()), baked.stats)
 }
 
 const SIZE: [usize; 2] = [96, 72];
@@ -77,15 +79,15 @@ fn camera() -> Camera {
     Camera::upright([1.1, 0.7, 0.5], [0.05, 0.2, 0.0], 34.0).unwrap()
 }
 
-fn picture(asset: &Asset, indirect: bool) -> Image {
+fn picture(asset: &Arc<Asset>, indirect: bool) -> Image {
     let sky = sky();
-    let (light, _) = LightCubemap::from_environment(&sky, 64);
-    let mut relighter = Relighter::new(asset);
-    relighter.set_light(&light);
-    relighter.set_indirect(indirect);
+    let light = LightCubemap::from_environment(&sky, 64);
+    let mut relighter = Relighter::new(asset.clone());
+    relighter.set_light(&light).unwrap();
+    relighter.set_indirect(if indirect { Indirect::Added } else { Indirect::LeftOut });
     let view = relighter.view(&camera(), SIZE, 16).unwrap();
-    relighter.shade(camera().eye, Some(&view.points));
-    let frame = relighter.draw(&view, &|d| sky.radiance(d), false).unwrap();
+    relighter.shade(camera().eye, Some(&view.points)).unwrap();
+    let frame = relighter.draw(&view, Background::Environment(&sky), Style::Materials).unwrap();
     frame.image
 }
 

@@ -1,9 +1,9 @@
 //! Surfaces changed at run time are the surfaces that a bake would have made.
 
-use prelight_runtime::asset::Asset;
 use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::brdf::Measured;
 use prelight_runtime::draw::camera::Camera;
+use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{Environment, LightCubemap, sky};
 use prelight_runtime::relight::{Relighter, View};
 use prelight_runtime::surface::{AlphaMode, Material, Model, Texture, TextureEncoding, TextureRef, Wrap};
@@ -13,7 +13,7 @@ use prelight_tests::{baked_asset, quad, scene, still_life};
 const EDGE: f32 = 0.15;
 
 fn light(toward: [f32; 3]) -> LightCubemap {
-    LightCubemap::from_environment(&sky(toward), 64).0
+    LightCubemap::from_environment(&sky(toward), 64)
 }
 
 fn camera() -> Camera {
@@ -23,8 +23,8 @@ fn camera() -> Camera {
 /// Pixels of a small picture.
 fn picture(relighter: &mut Relighter) -> Vec<[f32; 3]> {
     let view = relighter.view(&camera(), [48, 32], 4).unwrap();
-    relighter.shade(camera().eye, None);
-    relighter.draw(&view, &|_| [0.0; 3], false).unwrap().image.pixels
+    relighter.shade(camera().eye, None).unwrap();
+    relighter.draw(&view, Background::Black, Style::Materials).unwrap().image.pixels
 }
 
 fn table() -> Measured {
@@ -52,8 +52,8 @@ fn a_material_changed_at_run_time_looks_as_if_it_had_been_baked() {
     let scene = still_life();
     let asset = baked_asset(&scene, EDGE);
     let noon = light([0.3, 0.8, 0.2]);
-    let mut relighter = Relighter::new(&asset);
-    relighter.set_light(&noon);
+    let mut relighter = Relighter::new(asset.clone());
+    relighter.set_light(&noon).unwrap();
     let plain = picture(&mut relighter);
     assert_eq!(relighter.add_table(table()), 0);
     for material in surfaces() {
@@ -62,10 +62,10 @@ fn a_material_changed_at_run_time_looks_as_if_it_had_been_baked() {
         if matches!(material.model, Model::Measured { .. }) {
             baked_scene.tables.push(table());
         }
-        let baked: Asset = baked_asset(&baked_scene, EDGE);
+        let baked = baked_asset(&baked_scene, EDGE);
         assert_eq!(baked.tables().len(), baked_scene.tables.len());
-        let mut expected = Relighter::new(&baked);
-        expected.set_light(&noon);
+        let mut expected = Relighter::new(baked.clone());
+        expected.set_light(&noon).unwrap();
         let expected_pixels = picture(&mut expected);
         relighter.set_material(1, material.clone()).unwrap();
         let pixels = picture(&mut relighter);
@@ -81,7 +81,7 @@ fn a_material_changed_at_run_time_looks_as_if_it_had_been_baked() {
 #[test]
 fn changes_of_what_was_baked_are_refused() {
     let asset = baked_asset(&still_life(), EDGE);
-    let mut relighter = Relighter::new(&asset);
+    let mut relighter = Relighter::new(asset.clone());
     let own = asset.materials()[1].clone();
     let refused = [
         Material { double_sided: true, ..own.clone() },
@@ -108,14 +108,14 @@ fn a_light_changed_in_few_blocks_is_the_light_set_anew() {
         lamp.flux[texel] = lamp.flux[texel].map(|f| 50.0 * f + 0.01);
         lamp.moment[texel] = lamp.moment[texel].map(|m| m.map(|w| 50.0 * w + 0.005));
     }
-    let (mut changed, mut anew) = (Relighter::new(&asset), Relighter::new(&asset));
+    let (mut changed, mut anew) = (Relighter::new(asset.clone()), Relighter::new(asset.clone()));
     changed.set_accuracy(Accuracy::DISPLAY);
     anew.set_accuracy(Accuracy::DISPLAY);
     for light in [&noon, &lamp, &noon, &lamp] {
-        changed.change_light(light);
-        changed.shade([1.0, 1.0, 1.0], None);
-        anew.set_light(light);
-        anew.shade([1.0, 1.0, 1.0], None);
+        changed.change_light(light).unwrap();
+        changed.shade([1.0, 1.0, 1.0], None).unwrap();
+        anew.set_light(light).unwrap();
+        anew.shade([1.0, 1.0, 1.0], None).unwrap();
         assert_eq!(changed.glossy(), anew.glossy());
         for (a, b) in changed.irradiance().iter().flatten().zip(anew.irradiance().iter().flatten()) {
             let size = b.iter().map(|x| x.abs()).sum::<f32>();
@@ -141,17 +141,17 @@ fn normal_maps_get_the_light_between_the_two_horizons() {
     scene.materials[0] = Material { model: Model::Lambert, base_color: [1.0; 4], normal_texture: Some(map), ..scene.materials[0].clone() };
     let asset = baked_asset(&scene, EDGE);
     let camera = Camera::new([0.0, 2.0, 0.0], [0.0; 3], [1.0, 0.0, 0.0], 10.0).unwrap();
-    let white = LightCubemap::from_environment(&Environment::new(4, 2, vec![[1.0; 3]; 8]), 64).0;
-    let mut relighter = Relighter::new(&asset);
+    let white = LightCubemap::from_environment(&Environment::new(4, 2, vec![[1.0; 3]; 8]), 64);
+    let mut relighter = Relighter::new(asset.clone());
     let mut centre = |light: &LightCubemap, has_changed: bool| {
         if has_changed {
-            relighter.change_light(light)
+            relighter.change_light(light).unwrap()
         } else {
-            relighter.set_light(light)
+            relighter.set_light(light).unwrap()
         }
-        relighter.shade(camera.eye, None);
+        relighter.shade(camera.eye, None).unwrap();
         let view = relighter.view(&camera, [9, 9], 1).unwrap();
-        relighter.draw(&view, &|_| [0.0; 3], false).unwrap().image.pixels[40]
+        relighter.draw(&view, Background::Black, Style::Materials).unwrap().image.pixels[40]
     };
     let expected = 0.5 * (1.0 + 0.5f32.sqrt());
     let got = centre(&white, false);
@@ -169,15 +169,15 @@ fn normal_maps_get_the_light_between_the_two_horizons() {
 fn clay_needs_diffuse_light_alone() {
     let asset = baked_asset(&still_life(), EDGE);
     let clay = |shade: fn(&mut Relighter, &View) -> usize| {
-        let mut relighter = Relighter::new(&asset);
-        relighter.set_light(&light([0.3, 0.8, 0.2]));
+        let mut relighter = Relighter::new(asset.clone());
+        relighter.set_light(&light([0.3, 0.8, 0.2])).unwrap();
         let view = relighter.view(&camera(), [64, 48], 4).unwrap();
         let shaded = shade(&mut relighter, &view);
-        (shaded, relighter.draw(&view, &|_| [0.0; 3], true).unwrap().image.pixels)
+        (shaded, relighter.draw(&view, Background::Black, Style::Clay).unwrap().image.pixels)
     };
-    let all = clay(|relighter, view| relighter.shade(camera().eye, Some(&view.points)));
+    let all = clay(|relighter, view| relighter.shade(camera().eye, Some(&view.points)).unwrap());
     let diffuse = clay(|relighter, view| {
-        let shaded = relighter.shade_diffuse(Some(&view.points));
+        let shaded = relighter.shade_diffuse(Some(&view.points)).unwrap();
         assert!(relighter.glossy().iter().flatten().flatten().all(|x| *x == 0.0));
         shaded
     });

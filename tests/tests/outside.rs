@@ -67,8 +67,8 @@ fn an_asset_of_a_technique_from_outside_is_packed_and_opens_where_it_was_added()
 
     let asset = with_constant().open_file(&path, None).unwrap();
     assert_eq!(asset.manifest(), &manifest);
-    for (object, kind) in asset.objects.iter().zip([ChunkKind::Visibility, LIGHT]) {
-        let patch = &asset.patches[object.patches.start];
+    for (object, kind) in asset.objects().iter().zip([ChunkKind::Visibility, LIGHT]) {
+        let patch = &asset.patches()[object.patches.start];
         assert_eq!(patch.kinds().collect::<Vec<_>>(), [kind]);
         assert_eq!(patch.factor(LIGHT), (kind == LIGHT).then_some(&light[..]));
     }

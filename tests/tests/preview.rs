@@ -12,6 +12,7 @@ use prelight_runtime::asset::mesh::Lit;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::metrics::compare;
 use prelight_runtime::draw::shade::Frame;
+use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{LightCubemap, sky};
 use prelight_runtime::relight::Relighter;
 use prelight_scene::world::World;
@@ -37,13 +38,13 @@ fn still() -> Scene {
     scene(vec![("table", table), ("ball", sphere([0.05, 0.2, 0.0], 0.2, 160, 100, 1)), ("wall", wall)])
 }
 
-fn draw(asset: &Asset) -> Frame {
-    let mut relighter = Relighter::new(asset);
-    relighter.set_light(&LightCubemap::from_environment(&sky([0.5, 0.7, 0.4]), 64).0);
+fn draw(asset: &Arc<Asset>) -> Frame {
+    let mut relighter = Relighter::new(asset.clone());
+    relighter.set_light(&LightCubemap::from_environment(&sky([0.5, 0.7, 0.4]), 64)).unwrap();
     let camera = Camera::upright([0.3, 0.75, 1.1], [0.0, 0.1, 0.0], 40.0).unwrap();
     let view = relighter.view(&camera, [160, 120], 16).unwrap();
-    relighter.shade(camera.eye, Some(&view.points));
-    relighter.draw(&view, &|_| [0.0; 3], true).unwrap()
+    relighter.shade(camera.eye, Some(&view.points)).unwrap();
+    relighter.draw(&view, Background::Black, Style::Clay).unwrap()
 }
 
 #[test]
@@ -66,7 +67,7 @@ fn previews_are_valid_coarse_and_part_of_the_same_bake() {
     assert_eq!(baked.stats.tiles, expected.stats.tiles, "nothing is traced twice");
     assert!(!previews.is_empty());
 
-    let open = |baked: &Baked| Asset::open(baked.seal(Default::default(), &store).unwrap(), &store).unwrap();
+    let open = |baked: &Baked| Arc::new(Asset::open(baked.seal(Default::default(), &store).unwrap(), &store).unwrap());
     let finished = open(&baked);
     let reference = draw(&finished);
     let known: HashSet<_> = baked.content.objects.iter().flat_map(|object| &object.patches).map(|patch| patch.factors[0].digest).collect();
@@ -75,7 +76,7 @@ fn previews_are_valid_coarse_and_part_of_the_same_bake() {
         let digests = preview.content.objects.iter().flat_map(|object| &object.patches).map(|patch| patch.factors[0].digest);
         assert!(digests.into_iter().all(|digest| known.contains(&digest)), "each chunk of visibility is one of the finished bake");
         let asset = open(preview);
-        for object in 0..asset.objects.len() {
+        for object in 0..asset.objects().len() {
             let mesh = asset.mesh(object);
             assert!((0..mesh.position.len()).all(|v| mesh.front(v) != Lit::Nowhere), "no vertex is left dark");
         }

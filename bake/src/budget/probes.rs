@@ -97,7 +97,7 @@ impl Probes {
     }
 
     fn add_dome(&mut self, environment: &Environment, judge: bool) -> usize {
-        let light = |n: usize| LightCubemap::from_environment(environment, n).0;
+        let light = |n: usize| LightCubemap::from_environment(environment, n);
         let exact = judge.then(|| light(EXACT_RESOLUTION));
         self.domes.push(Dome { shown: RunningMoments::new(&light(self.face_resolution)), truth: light(TRUE_RESOLUTION), exact });
         self.domes.len() - 1
@@ -107,7 +107,7 @@ impl Probes {
     fn add_lamps(&mut self, kind: &str, dome: usize, lamps: &[Lamp], judge: bool) {
         let image = painted_lamps(lamps);
         let split = |n: usize| {
-            let light = LightCubemap::from_environment(&image, n).0;
+            let light = LightCubemap::from_environment(&image, n);
             let mut of: Vec<Vec<Lit>> = vec![Vec::new(); lamps.len()];
             for (texel, moment) in light.moment.iter().enumerate().filter(|(_, moment)| **moment != [[0.0; 3]; 3]) {
                 let at = texel_unit_direction(n, texel / (n * n), texel % n, texel / n % n).map(f64::from);
@@ -337,7 +337,7 @@ mod tests {
         let dark = probes.add_dome(&painted(|_| [0.0; 3]), true);
         probes.add_lamps("lamp", dark, &lamps, true);
         let image = painted_lamps(&lamps);
-        let cubemap = |environment: &Environment, n| LightCubemap::from_environment(environment, n).0;
+        let cubemap = |environment: &Environment, n| LightCubemap::from_environment(environment, n);
         let near = |lit: &[[[f32; 3]; 3]], n: usize, open: &[u64]| {
             let whole = by_texel(&cubemap(&studio(), n), open);
             let all = by_texel(&cubemap(&image, n), open);

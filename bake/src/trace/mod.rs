@@ -18,7 +18,6 @@
 //! | `occluders` | the public face of the rest |
 
 mod coverage;
-mod dispatch;
 pub(crate) mod hit;
 pub mod horizon;
 mod mask;
@@ -38,9 +37,9 @@ mod simd;
 mod tests;
 mod tree;
 
-pub use dispatch::SimdPath;
 pub use occluders::{OccluderOptions, Occluders, Scratch, TreeQuality};
 pub use predicate::open_texels_by_brute_force;
+pub use prelight_runtime::light::SimdPath;
 pub use ray::Hit;
 
 /// Where a point's visibility is traced from.

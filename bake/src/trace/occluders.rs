@@ -305,7 +305,7 @@ impl Occluders {
 
     fn cover_samples(&self, scene: coverage::Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
         #[cfg(target_arch = "x86_64")]
-        if self.simd == SimdPath::Avx2
+        if self.simd >= SimdPath::Avx2
             && let Some(kernel) = simd::Avx2::detect()
         {
             return kernel.cover_samples(scene, view, window, stack);
@@ -315,7 +315,7 @@ impl Occluders {
 
     fn cover(&self, scene: coverage::Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
         #[cfg(target_arch = "x86_64")]
-        if self.simd == SimdPath::Avx2
+        if self.simd >= SimdPath::Avx2
             && let Some(kernel) = simd::Avx2::detect()
         {
             return kernel.cover(scene, view, window, stack);
@@ -331,7 +331,7 @@ impl Occluders {
     pub fn occluded(&self, origin: [f32; 3], direction: [f32; 3], t_max: f32, excluded: &[u32]) -> bool {
         self.ray_scenes(excluded).any(|scene| {
             #[cfg(target_arch = "x86_64")]
-            if self.simd == SimdPath::Avx2
+            if self.simd >= SimdPath::Avx2
                 && let Some(kernel) = simd::Avx2::detect()
             {
                 return kernel.occluded(scene, origin, direction, t_max);
@@ -344,7 +344,7 @@ impl Occluders {
     pub fn closest_hit(&self, origin: [f32; 3], direction: [f32; 3], excluded: &[u32]) -> Option<Hit> {
         let in_tree = |scene: RayScene, t_max: f32| {
             #[cfg(target_arch = "x86_64")]
-            if self.simd == SimdPath::Avx2
+            if self.simd >= SimdPath::Avx2
                 && let Some(kernel) = simd::Avx2::detect()
             {
                 return kernel.closest_hit(scene, origin, direction, t_max);

@@ -24,7 +24,7 @@ use crate::vmf_transfer::fit::mixture::{Effort, fit_mixture};
 use crate::vmf_transfer::fit::thin::thin_wanted;
 use crate::vmf_transfer::fit::vmf::{LobeSums, PathSample, fit_lobe};
 use prelight_runtime::block_product::brdf::PointLobe;
-use prelight_runtime::brdf::{Lobe as BrdfLobe, blinn_phong, lobe, phong};
+use prelight_runtime::brdf::{Lobe as BrdfLobe, blinn_phong, lift, phong};
 use prelight_runtime::sphere::frame::tangents;
 use prelight_runtime::sphere::icosahedron::Icosahedron;
 use prelight_runtime::vmf_transfer::Lobe;
@@ -274,7 +274,7 @@ impl<'a> Slices<'a> {
         let lifted = [view[0], view[1], view[2].max(LEAST_HEIGHT)];
         let length = (lifted[0] * lifted[0] + lifted[1] * lifted[1] + lifted[2] * lifted[2]).sqrt();
         let world: [f32; 3] = std::array::from_fn(|k| (0..3).map(|axis| lifted[axis] / length * self.frame[axis][k]).sum());
-        lobe::lift(into_frame(&self.lobe_frame, world))
+        lift(into_frame(&self.lobe_frame, world))
     }
 
     /// What a slice's lobes stand for: light of both classes toward a local view, luminance, summed over the paths. Without Schlick's second term.

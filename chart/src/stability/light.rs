@@ -12,13 +12,14 @@ use prelight_runtime::environment::{Environment, LightCubemap, sky};
 use prelight_runtime::relight::Relighter;
 use prelight_runtime::sphere::cubemap::BLOCK_SIDE;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 const FACE_RESOLUTION: usize = 64;
 
-fn lit(asset: &Asset, environment: &Environment) -> Lit {
-    let mut relighter = Relighter::new(asset);
-    relighter.set_light(&LightCubemap::from_environment(environment, FACE_RESOLUTION).0);
-    relighter.shade([1.0, 0.75, 1.0], None);
+fn lit(asset: &Arc<Asset>, environment: &Environment) -> Lit {
+    let mut relighter = Relighter::new(asset.clone());
+    relighter.set_light(&LightCubemap::from_environment(environment, FACE_RESOLUTION)).expect("the bench bakes at this face resolution");
+    relighter.shade([1.0, 0.75, 1.0], None).expect("a light is set");
     (relighter.irradiance().to_vec(), relighter.glossy().to_vec())
 }
 
@@ -35,12 +36,12 @@ fn level(width: usize, height: usize, row: usize) -> f64 {
     1000.0 * 2.0 * PI / width as f64 * 0.5 * (sine(row).powi(2) - sine(row + 1).powi(2))
 }
 
-fn open_floor(bench: &Bench) -> Result<Asset, BakeError> {
+fn open_floor(bench: &Bench) -> Result<Arc<Asset>, BakeError> {
     bench.baked(&scene(vec![("floor", quad([-1.0, 0.0, -1.0], [0.0, 0.0, 2.0], [2.0, 0.0, 0.0], 0))]), 1.0)
 }
 
 /// Upward part of the irradiance, green, least and most over the points.
-fn upward(asset: &Asset, environment: &Environment) -> [f64; 2] {
+fn upward(asset: &Arc<Asset>, environment: &Environment) -> [f64; 2] {
     let (irradiance, _) = lit(asset, environment);
     let values = || irradiance.iter().map(|e| f64::from(e[1][1]));
     [values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max)]
@@ -143,9 +144,9 @@ pub fn darkness(bench: &Bench) -> Result<Found, BakeError> {
 /// See [`super::MODES`].
 pub fn drift(bench: &Bench) -> Result<Found, BakeError> {
     let (_, asset) = bench.still_life()?;
-    let patch = &asset.patches[asset.patches.len() / 2];
+    let patch = &asset.patches()[asset.patches().len() / 2];
     let visibility = patch.visibility();
-    let base = LightCubemap::from_environment(&sky([0.2, 0.9, 0.1]), FACE_RESOLUTION).0;
+    let base = LightCubemap::from_environment(&sky([0.2, 0.9, 0.1]), FACE_RESOLUTION);
     // The block that the sun is in.
     let brightest = (0..base.flux.len()).max_by(|a, b| base.flux[*a][1].total_cmp(&base.flux[*b][1])).unwrap_or(0);
     let (x, y) = (brightest % FACE_RESOLUTION / BLOCK_SIDE * BLOCK_SIDE, brightest / FACE_RESOLUTION / BLOCK_SIDE * BLOCK_SIDE);

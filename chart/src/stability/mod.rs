@@ -25,7 +25,7 @@ use prelight_runtime::asset::Asset;
 use prelight_runtime::environment::Environment;
 use prelight_scene::Scene;
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// How much of each mode is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,7 +93,7 @@ pub struct Bench<'a> {
     pub folder: &'a Path,
     /// Progress and cancelling.
     pub progress: &'a dyn Progress,
-    still: OnceLock<(Scene, Asset)>,
+    still: OnceLock<(Scene, Arc<Asset>)>,
 }
 
 impl<'a> Bench<'a> {
@@ -103,7 +103,7 @@ impl<'a> Bench<'a> {
     }
 
     /// A floor, a box, a ball and a sheet, baked once.
-    pub(super) fn still_life(&self) -> Result<(&Scene, &Asset), BakeError> {
+    pub(super) fn still_life(&self) -> Result<(&Scene, &Arc<Asset>), BakeError> {
         if self.still.get().is_none() {
             let scene = scenes::still_life();
             let asset = self.baked(&scene, 0.025)?;
@@ -113,7 +113,7 @@ impl<'a> Bench<'a> {
         Ok((scene, asset))
     }
 
-    pub(super) fn baked(&self, scene: &Scene, edge_length: f32) -> Result<Asset, BakeError> {
+    pub(super) fn baked(&self, scene: &Scene, edge_length: f32) -> Result<Arc<Asset>, BakeError> {
         scenes::baked(scene, edge_length, self.folder, self.progress)
     }
 }

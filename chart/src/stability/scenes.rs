@@ -109,8 +109,8 @@ pub fn options(scene: &Scene, edge_length: f32) -> BakeOptions {
 ///
 /// # Errors
 /// As a bake.
-pub fn baked(scene: &Scene, edge_length: f32, folder: &Path, progress: &dyn Progress) -> Result<Asset, BakeError> {
+pub fn baked(scene: &Scene, edge_length: f32, folder: &Path, progress: &dyn Progress) -> Result<Arc<Asset>, BakeError> {
     let store = Store::open_or_create(folder)?;
     let baked = bake(scene, &options(scene, edge_length), &store, progress)?;
-    Ok(Asset::open(baked.seal(Default::default(), &store)?, &store)?)
+    Ok(Arc::new(Asset::open(baked.seal(Default::default(), &store)?, &store)?))
 }

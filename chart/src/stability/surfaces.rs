@@ -10,6 +10,7 @@ use prelight_runtime::relight::Relighter;
 use prelight_scene::Scene;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// A point and the light it gets along its normal, green.
 struct Lit {
@@ -26,12 +27,12 @@ impl Lit {
 }
 
 /// Points of an object.
-fn points(asset: &Asset, object: usize, environment: &Environment) -> Vec<Lit> {
-    let mut relighter = Relighter::new(asset);
-    relighter.set_light(&LightCubemap::from_environment(environment, 64).0);
-    relighter.shade([0.0, 9.0, 0.0], None);
+fn points(asset: &Arc<Asset>, object: usize, environment: &Environment) -> Vec<Lit> {
+    let mut relighter = Relighter::new(asset.clone());
+    relighter.set_light(&LightCubemap::from_environment(environment, 64)).expect("the bench bakes at this face resolution");
+    relighter.shade([0.0, 9.0, 0.0], None).expect("a light is set");
     let irradiance = relighter.irradiance();
-    let patches = &asset.patches[asset.objects[object].patches.clone()];
+    let patches = &asset.patches()[asset.objects()[object].patches.clone()];
     let of = |patch: &prelight_runtime::asset::AssetPatch| -> Vec<Lit> {
         let arrays = patch.points();
         let one = |(local, i): (usize, usize)| Lit {
@@ -84,10 +85,10 @@ pub fn coincident(bench: &Bench) -> Result<Found, BakeError> {
 }
 
 /// Light by object of the first scene and place, to the bit.
-fn by_place(asset: &Asset, object_of: impl Fn(usize) -> usize) -> BTreeMap<(usize, u32, [u32; 6]), [u32; 9]> {
+fn by_place(asset: &Arc<Asset>, object_of: impl Fn(usize) -> usize) -> BTreeMap<(usize, u32, [u32; 6]), [u32; 9]> {
     let light = sky([0.5, 0.5, 0.6]);
     let mut places = BTreeMap::new();
-    for object in 0..asset.objects.len() {
+    for object in 0..asset.objects().len() {
         for point in points(asset, object, &light) {
             let place: Vec<u32> = point.position.iter().chain(&point.normal).map(|x| x.to_bits()).collect();
             let place = std::array::from_fn(|i| place[i]);

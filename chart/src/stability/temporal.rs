@@ -25,6 +25,7 @@ use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::tonemap::automatic_exposure;
+use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{Environment, LightCubemap, sky};
 use prelight_runtime::relight::Relighter;
 use prelight_scene::Scene;
@@ -64,7 +65,7 @@ struct Sequence<'a> {
     scene: &'a Scene,
     world: World,
     occluders: Occluders,
-    relighter: Relighter<'a>,
+    relighter: Relighter,
     environment: &'a Environment,
     motion: Motion,
     step_deg: f64,
@@ -92,8 +93,8 @@ impl<'a> Sequence<'a> {
             strategy: Strategy::Resampled,
             ..ReferenceOptions::default()
         };
-        let mut relighter = Relighter::new(asset);
-        relighter.set_light(&LightCubemap::from_environment(environment, 64).0);
+        let mut relighter = Relighter::new(asset.clone());
+        relighter.set_light(&LightCubemap::from_environment(environment, 64))?;
         Ok(Sequence { scene, world, occluders, relighter, environment, motion, step_deg, options })
     }
 
@@ -106,11 +107,11 @@ impl<'a> Sequence<'a> {
         };
         let options = ReferenceOptions { samples_per_pixel: closer * self.options.samples_per_pixel, ..self.options.clone() };
         if self.motion == Motion::Light {
-            self.relighter.set_light(&LightCubemap::from_environment(&light, 64).0);
+            self.relighter.set_light(&LightCubemap::from_environment(&light, 64))?;
         }
         let view = self.relighter.view(&eye, [options.width, options.height], 16)?;
-        self.relighter.shade(eye.eye, Some(&view.points));
-        let ours = self.relighter.draw(&view, &|_| [0.0; 3], false)?;
+        self.relighter.shade(eye.eye, Some(&view.points))?;
+        let ours = self.relighter.draw(&view, Background::Black, Style::Materials)?;
         let truth = render_reference(self.scene, &self.world, &self.occluders, &light, &eye, &options, &Silent)?;
         let mask = ours.mask.iter().zip(&truth.mask).map(|(a, b)| *a && *b).collect();
         Ok(Frame { ours: ours.image, truth: truth.image, mask })

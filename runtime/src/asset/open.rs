@@ -3,16 +3,17 @@
 //! Objects, patches and points are numbered through the whole asset: object `o` owns the patches `objects[o].patches`, a patch owns the
 //! points `patches[p].points`.
 
-use super::base::{self, BasePrimitive};
-use super::mesh::Mesh;
 use super::options::OpenOptions;
-use super::points::Points;
 use super::proof::PatchFacts;
-use super::surface::PointSurfaces;
 use crate::block_product::visibility::Visibility;
 use crate::brdf::Measured;
-use crate::draw::camera::SceneCamera;
+use crate::camera::SceneCamera;
+use crate::chunk::base::{self, BasePrimitive};
+use crate::chunk::mesh::Mesh;
+use crate::chunk::points::Points;
+use crate::chunk::surface::PointSurfaces;
 use crate::error::RuntimeError;
+use crate::light::layer::{Factors, Patch};
 use crate::surface::{Material, Model, Texture};
 use crate::vmf_transfer::Transfer;
 use prelight_manifests::{AssetManifest, ChunkKind, Descriptor, Digest};
@@ -27,10 +28,8 @@ pub struct Asset {
     cameras: Vec<SceneCamera>,
     textures: Vec<Chunk>,
     tables: Vec<Measured>,
-    /// Objects in the manifest's order.
-    pub objects: Vec<AssetObject>,
-    /// Patches of all objects, object after object.
-    pub patches: Vec<AssetPatch>,
+    objects: Vec<AssetObject>,
+    patches: Vec<AssetPatch>,
 }
 
 /// An object of an open asset.
@@ -123,6 +122,21 @@ impl Asset {
         &self.manifest
     }
 
+    /// Objects in the manifest's order.
+    pub fn objects(&self) -> &[AssetObject] {
+        &self.objects
+    }
+
+    /// Patches of all objects, object after object.
+    pub fn patches(&self) -> &[AssetPatch] {
+        &self.patches
+    }
+
+    /// Texels along a side of the cubemap's faces that a light must have.
+    pub fn face_resolution(&self) -> usize {
+        self.manifest.content.face_resolution as usize
+    }
+
     /// Materials, as meshes and point surfaces number them.
     pub fn materials(&self) -> &[Material] {
         &self.materials
@@ -146,6 +160,11 @@ impl Asset {
     /// Points of all objects.
     pub fn n_points(&self) -> usize {
         self.objects.last().map_or(0, |object| object.points.end)
+    }
+
+    /// Whether light over other surfaces was baked for any patch.
+    pub fn has_transfer(&self) -> bool {
+        self.patches.iter().any(|patch| patch.factor(ChunkKind::Transfer).is_some())
     }
 
     /// Refined triangles of an object.
@@ -231,6 +250,11 @@ impl Opening<'_> {
 }
 
 impl AssetPatch {
+    /// The patch as layers see it.
+    pub fn view(&self) -> Patch<'_> {
+        Patch::new(self.points(), self.surfaces(), self)
+    }
+
     /// Where its points are.
     pub fn points(&self) -> Points<'_> {
         Points::from_chunk(&self.points_chunk).expect(PROVEN)
@@ -262,6 +286,12 @@ impl AssetPatch {
     /// When the object's technique, one from outside, has no visibility.
     pub fn visibility(&self) -> Visibility<'_> {
         Visibility::from_proven_chunk(self.factor(ChunkKind::Visibility).expect("every built-in technique has visibility"))
+    }
+}
+
+impl Factors for AssetPatch {
+    fn factor(&self, kind: ChunkKind) -> Option<&[u8]> {
+        AssetPatch::factor(self, kind)
     }
 }
 

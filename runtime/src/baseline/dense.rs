@@ -9,9 +9,9 @@
 //! a time, groups of hidden texels are skipped. *Vector*: tiled, but summing the nine moments of the open texels, which is what
 //! `block_product::shade_diffuse` returns; nine masked additions a group.
 
-use crate::block_product::SimdPath;
 use crate::block_product::visibility::open_words;
 use crate::environment::LightCubemap;
+use crate::light::SimdPath;
 use crate::sphere::cubemap::texel_unit_direction;
 
 /// Planar light, texels row-major.

@@ -9,10 +9,10 @@
 //! *Sparse*: one point at a time, groups of hidden texels are skipped.
 
 use super::dense::PixelLight;
-use crate::block_product::brdf::{Shape, TexelLobe};
 use crate::block_product::glossy::formula::{BlinnPhong, CookTorrance, Formula, Ggx, Lobe, Phong, Registers, Ward};
-use crate::block_product::lanes::{self, Kernel, Lanes, WIDTH};
-use crate::block_product::{Glossy, SimdPath};
+use crate::light::lanes::{self, Kernel, Lanes, WIDTH};
+use crate::light::texel_lobe::{Shape, TexelLobe};
+use crate::light::{Glossy, SimdPath};
 
 /// Points that share the loads of a group.
 const TILE: usize = 4;

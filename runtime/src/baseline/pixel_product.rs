@@ -8,8 +8,8 @@
 //! g is `block_product::brdf::TexelLobe`, the lobe as a cubemap of this size can hold it. Nothing else is approximated: what a
 //! technique loses on the same texels and the same bits is its distance from here.
 
-use crate::block_product::brdf::{PointLobe, TexelLobe};
 use crate::environment::LightCubemap;
+use crate::light::{PointLobe, TexelLobe};
 use crate::sphere::cubemap::{texel_solid_angle, texel_unit_direction};
 
 /// Vector irradiance `[channel][axis]` over the open texels, W·m⁻². `open`: one point's words, `block_product::visibility::open_words`.

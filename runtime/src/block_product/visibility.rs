@@ -22,8 +22,8 @@
 
 pub mod fractions;
 
-use crate::asset::layout::{Reader, Writer};
-use crate::asset::points::PATCH_POINTS;
+use crate::chunk::layout::PATCH_POINTS;
+use crate::chunk::layout::{Reader, Writer};
 use crate::error::RuntimeError;
 use crate::sphere::cubemap::{BLOCK_TEXELS, row_major_from_hilbert};
 use fractions::{Fractions, PointFractions, STEPS};

@@ -3,7 +3,7 @@
 //! Bilinear, `[width][view][term]`. The view axis is √(n·v): grazing albedo bends most there. Below n·v ~ alpha it is a function of their
 //! ratio, so the width axis is the fourth root of alpha (√roughness), from the floor of alpha to 1, to hold neighbouring rows together there.
 
-use super::ggx::{ALPHA_MIN, N_DOT_V_MIN};
+use super::frame::{ALPHA_MIN, N_DOT_V_MIN, view};
 
 /// A table of `VIEWS` × `WIDTHS` nodes.
 pub(super) struct AlbedoTable<const VIEWS: usize, const WIDTHS: usize> {
@@ -75,7 +75,7 @@ impl StretchedTable {
             let root = i as f64 / azimuths as f64;
             let root = N_DOT_V_MIN.sqrt() + (1.0 - N_DOT_V_MIN.sqrt()) * (root.floor() % views as f64) / (views - 1) as f64;
             let azimuth = std::f64::consts::FRAC_PI_2 * (i % azimuths) as f64 / (azimuths - 1) as f64;
-            let [sine, _, cosine] = super::lobe::view(root * root);
+            let [sine, _, cosine] = view(root * root);
             let v = [sine * libm::cos(azimuth), sine * libm::sin(azimuth), cosine];
             terms.push(albedo(v, [large, (large * ratio).max(ALPHA_MIN)]).map(|term| term as f32));
         }

@@ -8,7 +8,7 @@
 //! The power is taken as exp(−s/2 · log1p(tan²θ_h)), exact at any exponent.
 //! Directions are in the frame (tangent, bitangent, normal).
 
-use super::{half_vector, reflect};
+use super::frame::{half_vector, reflect};
 use crate::sphere::frame::dot;
 use std::f64::consts::PI;
 

@@ -8,8 +8,9 @@
 //! cosine, so grazing stays finite. F0·terms\[0\] + terms\[1\] as in [`super::ggx`].
 //! Directions are in the frame (tangent, bitangent, normal). Sources: Cook and Torrance 1982; \[Ove06\] Eq. 3.10, corrected.
 
+use super::frame::half_vector;
 use super::ggx::schlick;
-use super::{half_vector, ward};
+use super::ward;
 use crate::sphere::frame::dot;
 
 /// The lobe times n·l as the factor of F0 and the rest, sr⁻¹; 0 below the horizon. `v` above it.

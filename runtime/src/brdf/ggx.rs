@@ -30,15 +30,11 @@
 //! horizon is lifted to n·v = [`N_DOT_V_MIN`], see [`lift_view`].
 
 use super::albedo::AlbedoTable;
-use super::{cross, half_vector, reflect};
+pub use super::frame::{ALPHA_MIN, N_DOT_V_MIN};
+use super::frame::{cross, half_vector, reflect};
 use crate::sphere::frame::{dot, tangents};
 use std::f64::consts::PI;
 use std::sync::OnceLock;
-
-/// Smallest alpha: a mirror is a lobe about 0.1 degrees wide whose peak, 3e5 sr⁻¹, f32 sums still hold.
-pub const ALPHA_MIN: f64 = 1e-3;
-/// Smallest cosine between normal and view direction.
-pub const N_DOT_V_MIN: f64 = 1e-3;
 
 /// Width of the lobe: roughness², at least [`ALPHA_MIN`]. `roughness` is glTF's perceptual roughness, clamped to 0..=1.
 pub fn alpha(roughness: f32) -> f64 {

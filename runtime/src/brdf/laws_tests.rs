@@ -1,7 +1,7 @@
 //! Laws of every lobe and surface: reciprocity, furnace, sampling.
 
-use super::ggx::ALPHA_MIN;
-use super::lobe::{ALBEDO_ERROR, ANISOTROPIC_ALBEDO_ERROR, view};
+use super::frame::{ALPHA_MIN, about, lift, view};
+use super::lobe::{ALBEDO_ERROR, ANISOTROPIC_ALBEDO_ERROR};
 use super::measured::{angles, directions};
 use super::*;
 
@@ -177,7 +177,7 @@ fn odd_directions_stay_finite() {
     let table = painted([8, 4, 6]);
     for lobe in lobes(&table) {
         for v in [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.6, 0.0, -0.8], [1e-9, 0.0, -1.0], [1e-40, 0.0, 1.0]] {
-            let v = lobe::lift(v);
+            let v = lift(v);
             for l in [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [-1.0, 0.0, 1e-7], [-0.6, 0.0, 0.8], [-v[0], -v[1], -v[2]], [-1.0, 1e-320, 1e-310]]
             {
                 let value = lobe.terms(v, l);

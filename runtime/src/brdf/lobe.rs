@@ -5,11 +5,12 @@
 //! ```
 //!
 //! For lobes without a Fresnel factor (Phong, Blinn-Phong, Ward) terms\[1\] is 0 and F0 is the specular colour; a measured one brings its
-//! colours along, all in terms\[1\]. Directions are in the frame (tangent, bitangent, normal), v above the horizon ([`lift`]).
+//! colours along, all in terms\[1\]. Directions are in the frame (tangent, bitangent, normal), v above the horizon ([`super::lift`]).
 //! [`Lobe::albedo_terms`] comes from tables made once by quadrature, within [`ALBEDO_ERROR`], those of anisotropic lobes within
 //! [`ANISOTROPIC_ALBEDO_ERROR`].
 
 use super::albedo::{AlbedoTable, StretchedTable};
+use super::frame::view;
 use super::measured::Measured;
 use super::{blinn_phong, cook_torrance, ggx, phong, ward};
 use std::sync::OnceLock;
@@ -52,19 +53,6 @@ pub enum Lobe<'a> {
     },
     /// [`super::measured`].
     Measured(&'a Measured),
-}
-
-/// `v` itself where n·v ≥ [`ggx::N_DOT_V_MIN`], else the nearest unit vector that has that cosine. In the local frame.
-pub fn lift(v: [f64; 3]) -> [f64; 3] {
-    if v[2] >= ggx::N_DOT_V_MIN {
-        return v;
-    }
-    let length = (v[0] * v[0] + v[1] * v[1]).sqrt();
-    if length < 1e-6 {
-        return [0.0, 0.0, 1.0];
-    }
-    let scale = (1.0 - ggx::N_DOT_V_MIN * ggx::N_DOT_V_MIN).sqrt() / length;
-    [v[0] * scale, v[1] * scale, ggx::N_DOT_V_MIN]
 }
 
 impl Lobe<'_> {
@@ -162,9 +150,4 @@ impl Lobe<'_> {
             _ => false,
         }
     }
-}
-
-/// Local view direction in the plane of tangent and normal.
-pub(super) fn view(n_dot_v: f64) -> [f64; 3] {
-    [(1.0 - n_dot_v * n_dot_v).max(0.0).sqrt(), 0.0, n_dot_v]
 }

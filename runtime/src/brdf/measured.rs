@@ -19,8 +19,9 @@
 //! Error bounds of a lobe at a point come from [`Measured::peak_beyond`], the largest value of any channel from a half angle on.
 //! Source: Matusik et al. 2003; Rusinkiewicz 1998.
 
-use super::{half_vector, lambert, reflect};
-use crate::asset::layout::{Reader, Writer};
+use super::frame::{N_DOT_V_MIN, half_vector, reflect, view};
+use super::lambert;
+use crate::chunk::layout::{Reader, Writer};
 use crate::error::RuntimeError;
 use crate::sphere::frame::dot;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -278,7 +279,7 @@ impl Measured {
     }
 
     fn albedo_quadrature(&self, root: f64) -> [f32; 3] {
-        let v = super::lobe::view((root * root).max(super::ggx::N_DOT_V_MIN));
+        let v = view((root * root).max(N_DOT_V_MIN));
         let (rings, sectors) = (64, 24);
         let mut sum = [0.0; 3];
         for i in 0..rings * sectors {

@@ -9,6 +9,7 @@
 //! Directions are in the frame (tangent, bitangent, normal). [`alpha`] gives an exponent the width of the other lobes, so that one
 //! roughness, its textures and its averages over a footprint serve all.
 
+use super::frame::about;
 use std::f64::consts::PI;
 
 /// Largest exponent: that of [`super::ggx::ALPHA_MIN`].
@@ -40,7 +41,7 @@ pub fn value(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
 pub fn sample(v: [f64; 3], exponent: f64, u: [f64; 2]) -> [f64; 3] {
     let versine = -libm::expm1(libm::log1p(-u[0]) / (exponent + 1.0));
     let (sine, phi) = ((versine * (2.0 - versine)).max(0.0).sqrt(), 2.0 * PI * u[1]);
-    super::about([-v[0], -v[1], v[2]], [sine * libm::cos(phi), sine * libm::sin(phi), 1.0 - versine])
+    about([-v[0], -v[1], v[2]], [sine * libm::cos(phi), sine * libm::sin(phi), 1.0 - versine])
 }
 
 /// Density of [`sample`], sr⁻¹.

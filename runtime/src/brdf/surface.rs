@@ -8,7 +8,8 @@
 //! the base ([`Surface::under`]), E_c that of the coat. So a surface returns at most what it receives wherever its lobe does, up to the
 //! error of the albedo tables. KHR_materials_clearcoat weighs what is below by 1 − c·F(n_c·v); E takes the coat's roughness into account.
 
-use super::lobe::{Lobe, lift};
+use super::frame::{cross, lift};
+use super::lobe::Lobe;
 use super::{ggx, lambert};
 use crate::sphere::frame::{dot, tangents};
 
@@ -56,7 +57,7 @@ impl Place {
             return Place::about(normal);
         }
         let t = flat.map(|x| x / length);
-        let b = super::cross(n, t).map(|x| if tangent[3] < 0.0 { -x } else { x });
+        let b = cross(n, t).map(|x| if tangent[3] < 0.0 { -x } else { x });
         let [cosine, sine] = direction.map(f64::from);
         let turned: [f64; 3] = std::array::from_fn(|k| cosine * t[k] + sine * b[k]);
         let across: [f64; 3] = std::array::from_fn(|k| cosine * b[k] - sine * t[k]);

@@ -9,10 +9,10 @@
 //! The same scene gives the same view on every machine: f64 and `libm`, no random numbers.
 //! Entropy as a measure of views: Vázquez et al. 2001.
 
-use super::camera::{Camera, sub};
 use super::raster::Visibility;
 use super::threads::map_indices;
-use crate::asset::mesh::Mesh;
+use crate::camera::{Camera, sub};
+use crate::chunk::mesh::Mesh;
 use crate::sphere::frame::dot;
 use crate::surface::{Material, Texture};
 use std::collections::BTreeMap;

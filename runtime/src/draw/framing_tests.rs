@@ -1,6 +1,6 @@
-use super::camera::CameraRays;
 use super::framing::automatic_view;
 use super::raster_tests::{Soup, material};
+use crate::camera::CameraRays;
 use crate::surface::AlphaMode;
 
 /// Triangles of a box, outward, `skip` faces left out (axis · 2 + high).

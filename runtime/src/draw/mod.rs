@@ -2,12 +2,13 @@
 //!
 //! [`raster::Visibility`] finds what each sample sees, [`shade::draw_visible`] turns light at points into an [`image::Image`].
 
+pub use crate::camera;
 pub mod at_points;
-pub mod camera;
 pub mod flip;
 pub mod framing;
 pub mod image;
 pub mod metrics;
+pub mod options;
 pub mod raster;
 pub mod shade;
 mod threads;
@@ -20,10 +21,11 @@ mod raster_tests;
 #[cfg(test)]
 mod shade_tests;
 
+pub use crate::camera::{Camera, CameraRays, SceneCamera};
 pub use at_points::{PointImage, draw_at_points};
-pub use camera::{Camera, CameraRays, SceneCamera};
 pub use framing::automatic_view;
 pub use image::Image;
 pub use metrics::{Metrics, Scores};
+pub use options::{Background, FrameOptions, Style};
 pub use raster::Visibility;
 pub use shade::{DrawObject, DrawScene, Frame, draw, draw_visible};

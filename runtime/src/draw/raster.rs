@@ -15,9 +15,9 @@
 //! Tiles of 32 x 32 pixels are independent and each keeps its list of fragments, (pixel, triangle, set of samples), so the result
 //! does not depend on threads. MASK cuts are tested per sample. BLEND fragments are kept beside, the nearest [`MAX_BLEND_LAYERS`] of a pixel.
 
-use super::camera::{Camera, CameraRays, cross};
 use super::threads::map_indices;
-use crate::asset::mesh::Mesh;
+use crate::camera::{Camera, CameraRays, cross};
+use crate::chunk::mesh::Mesh;
 use crate::error::RuntimeError;
 use crate::sphere::frame::dot;
 use crate::surface::{AlphaMode, Material, Texture, resolve_alpha};

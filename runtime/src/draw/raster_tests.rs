@@ -1,6 +1,6 @@
-use super::camera::{Camera, CameraRays};
 use super::raster::{Visibility, sample_pattern};
-use crate::asset::mesh::{Mesh, NO_POINT};
+use crate::camera::{Camera, CameraRays};
+use crate::chunk::mesh::{Mesh, NO_POINT};
 use crate::surface::{AlphaMode, Material};
 
 /// Plain triangles whose points are their vertices.

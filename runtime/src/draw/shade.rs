@@ -8,8 +8,8 @@
 //!
 //! Eᵢ(n_b) is max(0, Eᵢ·n_b) of the vector irradiance of a corner's point, and wᵢ its weight: cut off corner by corner, since a sun that one
 //! of them sees below n_b would take the light of the others too. Where a normal map bends n_b, the light between the two horizons is added
-//! ([`crate::surface::lune`]). Glossy are the two Schlick terms, interpolated like it, lobes looked up again
-//! ([`crate::vmf_transfer::pixel`]); n_b is the interpolated shading normal bent by the normal map; base, F0, F90 and the clear coat c are those of
+//! ([`crate::light::lune`]). Glossy are the two Schlick terms, interpolated like it, lobes looked up again
+//! ([`crate::light::Layer::between`]); n_b is the interpolated shading normal bent by the normal map; base, F0, F90 and the clear coat c are those of
 //! [`crate::brdf::Surface`] (base/π · (1 − metal)(1 − E_d) for glTF). Corners without a point, and buried ones, leave the
 //! interpolation: the weights of the others grow to sum 1; a triangle with none left gets no light.
 //!
@@ -19,25 +19,25 @@
 //!
 //! Clay: 0.5/π · Σ wᵢ max(0, Eᵢ·n_s) for every surface, alpha kept.
 
-use super::camera::Camera;
 use super::image::Image;
 use super::raster::{Edges, Fragment, TILE, TileFragments, Visibility, blend_corners};
 use super::threads::map_indices;
-use crate::asset::mesh::{Lit, Mesh};
-use crate::asset::points::BURIED;
-use crate::block_product::brdf::PointLobe;
+use super::tonemap::{automatic_exposure, expose};
 use crate::brdf::{Measured, Place};
+use crate::camera::Camera;
+use crate::chunk::mesh::{Lit, Mesh};
+use crate::chunk::points::BURIED;
 use crate::error::RuntimeError;
-use crate::surface::lune::{Bend, Lune};
+use crate::light::lune::{Bend, Lune};
+use crate::light::{BetweenPoints, PointLobe};
 use crate::surface::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
-use crate::vmf_transfer::pixel::PixelLobes;
 use std::f32::consts::PI;
 
 /// Reflectance of every surface in clay.
 pub const CLAY_ALBEDO: f32 = 0.5;
 
 /// An object with the light at its points. The three arrays of points have one element each per point.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct DrawObject<'a> {
     /// Triangles.
     pub mesh: Mesh<'a>,
@@ -49,9 +49,9 @@ pub struct DrawObject<'a> {
     pub glossy: &'a [[[f32; 3]; 2]],
     /// `[points][channel]` radiance of a whole clear coat. Empty: none.
     pub coat: &'a [[f32; 3]],
-    /// `[points]` lobes that glossy light holds at points, looked up again between them. `None`: interpolated light is all.
-    pub lobes: Option<PixelLobes<'a>>,
-    /// `[points]` flags of [`crate::asset::points`]. Empty: none is buried.
+    /// What layers say of glossy light between points. `None`: interpolated light is all.
+    pub between: Option<&'a dyn BetweenPoints>,
+    /// `[points]` flags of [`crate::chunk::points`]. Empty: none is buried.
     pub point_flags: &'a [u32],
 }
 
@@ -81,6 +81,16 @@ pub struct Frame {
     pub coverage: Vec<f32>,
     /// `[height · width]` all samples hit a surface: where pictures are compared.
     pub mask: Vec<bool>,
+}
+
+impl Frame {
+    /// PNG bytes for a screen: exposed so that all but the brightest twentieth of the surfaces keep their detail.
+    ///
+    /// # Errors
+    /// For a frame without pixels.
+    pub fn to_png(&self) -> Result<Vec<u8>, RuntimeError> {
+        expose(&self.image, automatic_exposure(&self.image, &self.mask)).to_png()
+    }
 }
 
 /// Rasterises and shades.
@@ -128,7 +138,7 @@ pub(super) fn check_light(scene: &DrawScene) -> Result<(), RuntimeError> {
             || short(object.lune.len(), true)
             || short(object.glossy.len(), true)
             || short(object.coat.len(), true)
-            || object.lobes.is_some_and(|own| short(own.lobes.len(), true) || short(own.highlights.len(), true))
+            || object.between.is_some_and(|between| short(between.n_points(), false))
             || short(object.point_flags.len(), true)
         {
             let what = format!("light for {} points, its mesh names {needed}", object.irradiance.len());
@@ -405,11 +415,11 @@ impl<'a> Shader<'a> {
                 }
             }
         }
-        if let Some(lobes) = &gathered.object.lobes
+        if let Some(between) = gathered.object.between
             && let Some(points) = gathered.single_points()
         {
             let weights = std::array::from_fn(|k| if usable(&k) { weight_of(k) } else { 0.0 });
-            lobes.correct(points, weights, view.map(|v| -v), own, &mut light.glossy);
+            between.correct(points, weights, view.map(|v| -v), own, &mut light.glossy);
         }
         light
     }

@@ -1,12 +1,12 @@
 use super::at_points::{INSET, draw_at_points};
-use super::camera::{Camera, CameraRays};
 use super::raster::Visibility;
 use super::raster_tests::{Soup, front_camera, material, random};
 use super::shade::{CLAY_ALBEDO, DrawObject, DrawScene, Frame, PointLight, draw, radiance};
-use crate::asset::mesh::{Mesh, NO_POINT};
-use crate::asset::points::BURIED;
 use crate::brdf::surface::coat_albedo;
 use crate::brdf::{Coat, GltfSurface, Place};
+use crate::camera::{Camera, CameraRays};
+use crate::chunk::mesh::{Mesh, NO_POINT};
+use crate::chunk::points::BURIED;
 use crate::surface::{AlphaMode, Material, SurfaceSample, Texture, TextureEncoding, TextureRef, Wrap};
 use std::borrow::Cow;
 use std::f32::consts::PI;
@@ -19,7 +19,7 @@ fn toward_z(value: f32) -> [[f32; 3]; 3] {
 }
 
 fn object<'a>(soup: &'a Soup, irradiance: &'a [[[f32; 3]; 3]]) -> DrawObject<'a> {
-    DrawObject { mesh: soup.mesh(), irradiance, lune: &[], glossy: &[], coat: &[], lobes: None, point_flags: &[] }
+    DrawObject { mesh: soup.mesh(), irradiance, lune: &[], glossy: &[], coat: &[], between: None, point_flags: &[] }
 }
 
 fn picture(objects: &[DrawObject], materials: &[Material], textures: &[Texture], clay: bool, camera: &Camera) -> Frame {

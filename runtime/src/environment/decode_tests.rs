@@ -314,7 +314,7 @@ fn a_labelled_map_shows_every_axis_in_its_own_colour() {
     for bytes in [made.to_radiance_hdr(), made.to_exr().unwrap()] {
         let image = decode(&bytes);
         assert_eq!(image, made);
-        let (light, _) = LightCubemap::from_environment(&image, 16);
+        let light = LightCubemap::from_environment(&image, 16);
         for (face, (axis, colour)) in LABELS.into_iter().enumerate() {
             assert_eq!(image.radiance(axis), colour, "{axis:?}");
             // Faces stand in the order of LABELS. The middle texels hold that colour alone, and their moment points along the axis.
@@ -332,7 +332,7 @@ fn a_labelled_map_shows_every_axis_in_its_own_colour() {
         }
         // At 90 degrees what was at +X stands at −Z, −Z at −X, −X at +Z, +Z at +X; the poles stay.
         let turned = image.with_rotation(90.0);
-        let (light, _) = LightCubemap::from_environment(&turned, 16);
+        let light = LightCubemap::from_environment(&turned, 16);
         for (face, from) in [(5, 0), (1, 5), (4, 1), (0, 4), (2, 2), (3, 3)] {
             let colour = LABELS[from].1;
             assert_eq!(turned.radiance(LABELS[face].0), colour);
@@ -507,7 +507,7 @@ fn real_maps_decode_and_keep_their_energy() {
             continue;
         };
         let (image, report) = Environment::decode(name, &bytes, &Limits::default()).unwrap_or_else(|error| panic!("{error}"));
-        let (_, energy) = LightCubemap::from_environment(&image, 64);
+        let (_, energy) = LightCubemap::with_energy(&image, 64);
         eprintln!(
             "{name}: {} x {}, largest {}, warnings {:?}, energy {:?}",
             image.width,

@@ -58,8 +58,15 @@ impl LightCubemap {
         Self { face_resolution, flux: vec![[0.0; 3]; n_texels], moment: vec![[[0.0; 3]; 3]; n_texels] }
     }
 
-    /// Light of an environment at a face resolution of at least 2.
-    pub fn from_environment(environment: &Environment, face_resolution: usize) -> (Self, EnergyReport) {
+    /// Light of an environment at a face resolution of at least 2: an asset's [`crate::asset::Asset::face_resolution`].
+    #[must_use]
+    pub fn from_environment(environment: &Environment, face_resolution: usize) -> Self {
+        Self::with_energy(environment, face_resolution).0
+    }
+
+    /// [`LightCubemap::from_environment`], and the energy before and after: what shows that none was lost.
+    #[must_use]
+    pub fn with_energy(environment: &Environment, face_resolution: usize) -> (Self, EnergyReport) {
         let mut light = Self::black(face_resolution);
         let report = light.update_from(environment, &mut Splatter::new(face_resolution));
         (light, report)

@@ -89,7 +89,7 @@ fn energy_before_equals_energy_after_at_every_size() {
         [(1, 1, 10.0, N), (7, 5, -80.0, N), (64, 32, 1.5, 16), (1023, 511, 0.1, N), (512, 256, 77.7, 128), (600, 300, 5.0, 16)]
     {
         let environment = random_environment(width, height, &mut random).with_rotation(degrees).with_intensity(2.5);
-        let (light, report) = LightCubemap::from_environment(&environment, n);
+        let (light, report) = LightCubemap::with_energy(&environment, n);
         let mut source = [0.0; 3];
         for y in 0..height {
             for x in 0..width {
@@ -113,7 +113,7 @@ fn moments_sum_to_the_exact_moment_of_the_image() {
     let mut random = Random(2);
     for (width, height, n) in [(3, 2, N), (64, 32, N), (311, 155, 64), (511, 255, 16)] {
         let environment = random_environment(width, height, &mut random).with_rotation(31.0);
-        let (light, report) = LightCubemap::from_environment(&environment, n);
+        let (light, report) = LightCubemap::with_energy(&environment, n);
         let mut sum = [[0.0; 3]; 3];
         for moment in &light.moment {
             for c in 0..3 {
@@ -144,7 +144,7 @@ fn a_white_sphere_fills_every_texel_by_its_solid_angle() {
     // far less. No texel starves, whatever the size of the source.
     for (width, height, n) in [(1, 1, N), (7, 5, N), (64, 32, N), (1024, 512, N), (600, 300, 8), (640, 320, 128)] {
         let environment = Environment::new(width, height, vec![[1.0; 3]; width * height]).with_rotation(12.3);
-        let (light, _) = LightCubemap::from_environment(&environment, n);
+        let light = LightCubemap::from_environment(&environment, n);
         let (mut low, mut high, mut squares) = (f64::MAX, 0.0f64, 0.0);
         for (i, flux) in light.flux.iter().enumerate() {
             let ratio = f64::from(flux[0]) / texel_solid_angle(n, i % n, i / n % n);
@@ -201,7 +201,7 @@ fn irradiance_of_a_whole_image_is_exact_but_for_light_at_the_horizon() {
     let mut random = Random(4);
     for (width, height) in [(16, 8), (256, 128)] {
         let environment = random_environment(width, height, &mut random).with_rotation(200.0 * random.next());
-        let (light, _) = LightCubemap::from_environment(&environment, N);
+        let light = LightCubemap::from_environment(&environment, N);
         for _ in 0..5 {
             let normal = random.direction();
             let exact = exact_irradiance(&environment, normal, 640 / width);
@@ -342,18 +342,18 @@ fn update_equals_a_fresh_cubemap_whatever_came_before() {
     for (width, height, degrees) in [(64, 32, 0.0), (64, 32, 50.0), (5, 3, 50.0), (300, 150, -20.0)] {
         let environment = random_environment(width, height, &mut random).with_rotation(degrees);
         let report = light.update_from(&environment, &mut splatter);
-        let (fresh, fresh_report) = LightCubemap::from_environment(&environment, 16);
+        let (fresh, fresh_report) = LightCubemap::with_energy(&environment, 16);
         assert_eq!((&light, report), (&fresh, fresh_report));
     }
 }
 
 #[test]
 fn black_light_and_light_beyond_f32_stay_finite() {
-    let (light, report) = LightCubemap::from_environment(&Environment::new(4, 2, vec![[0.0; 3]; 8]), 8);
+    let (light, report) = LightCubemap::with_energy(&Environment::new(4, 2, vec![[0.0; 3]; 8]), 8);
     assert!(light.flux.iter().flatten().chain(light.moment.iter().flatten().flatten()).all(|value| *value == 0.0));
     assert_eq!(report.relative_loss(), 0.0);
     let huge = Environment::new(4, 2, vec![[f32::MAX; 3]; 8]).with_intensity(1e30);
-    let (light, _) = LightCubemap::from_environment(&huge, 8);
+    let light = LightCubemap::from_environment(&huge, 8);
     assert!(light.flux.iter().flatten().chain(light.moment.iter().flatten().flatten()).all(|value| value.is_finite()));
 }
 
@@ -363,7 +363,7 @@ fn one_and_three_threads_give_the_same_bits() {
     let environment = random_environment(256, 128, &mut Random(9)).with_rotation(12.0);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| LightCubemap::from_environment(&environment, 32))
+        pool.install(|| LightCubemap::with_energy(&environment, 32))
     };
     assert_eq!(on(1), on(3));
 }

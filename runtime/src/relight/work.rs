@@ -1,15 +1,13 @@
 //! Light at points, patch by patch, on all threads.
 
-use super::{Indirect, Surfaces};
+use super::surfaces::Surfaces;
 use crate::asset::AssetPatch;
-use crate::asset::points::PATCH_POINTS;
-use crate::block_product::{Accuracy, Glossy, Light, SimdPath, shade_lobes, shade_moments};
 use crate::brdf::surface::COAT_F0;
-use crate::surface::lune::{Lune, is_bent};
-use crate::vmf_transfer::FilteredLight;
-use crate::vmf_transfer::highlight::{Highlight, keep_highlights};
-use crate::vmf_transfer::pixel::EyeLobes;
-use crate::vmf_transfer::shade::{add_glossy, add_irradiance};
+use crate::chunk::layout::PATCH_POINTS;
+use crate::light::layer::{Diffuse, Held, Patch, Sight};
+use crate::light::lune::Lune;
+use crate::light::{Glossy, Layers, PointLobe};
+use crate::surface::detail::is_bent;
 
 /// Patches that are not worth splitting: about a millisecond.
 const GRAIN: usize = 8;
@@ -17,144 +15,153 @@ const GRAIN: usize = 8;
 /// What is computed, the same for all patches.
 #[derive(Clone, Copy)]
 pub(super) struct Work<'a> {
-    pub light: &'a Light,
-    pub surfaces: &'a Surfaces<'a>,
-    pub accuracy: Accuracy,
-    /// Indirect light, where it is on.
-    pub indirect: Option<(&'a Indirect, &'a FilteredLight)>,
-    /// The light in which highlights are looked up, where they are on.
-    pub highlights: Option<&'a FilteredLight>,
+    pub layers: &'a Layers,
+    pub surfaces: &'a Surfaces,
     /// `None`: diffuse light alone.
     pub eye: Option<[f32; 3]>,
     pub wanted: Option<&'a [bool]>,
 }
 
-/// Patches and their part of every buffer: one element per patch in `is_lit`, per point elsewhere.
-pub(super) struct Part<'a> {
-    pub patches: &'a [AssetPatch],
-    pub is_lit: &'a mut [bool],
-    pub irradiance: &'a mut [[[f32; 3]; 3]],
-    /// Empty while no material has a normal map.
-    pub lune: &'a mut [Lune],
-    pub glossy: &'a mut [Glossy],
-    /// Empty while no material has a clear coat.
-    pub coat: &'a mut [[f32; 3]],
-    /// Empty without transfer.
-    pub lobes: &'a mut [EyeLobes],
-    /// Empty while highlights are off.
-    pub highlights: &'a mut [Highlight],
+/// Which light the irradiance of a patch is of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Lit {
+    /// None that is known.
+    #[default]
+    No,
+    /// The one before, of which the current light is a change.
+    Before,
+    /// The current one.
+    Now,
 }
 
-/// The two parts of a buffer that may be empty.
-fn split<T>(buffer: &mut [T], at: usize) -> (&mut [T], &mut [T]) {
-    let at = at.min(buffer.len());
-    buffer.split_at_mut(at)
+/// Patches and their part of every buffer.
+pub(super) struct Part<'a> {
+    pub patches: &'a [AssetPatch],
+    /// One a patch.
+    pub lit: Rest<'a, Lit>,
+    pub irradiance: Rest<'a, [[f32; 3]; 3]>,
+    /// Empty while no material has a normal map.
+    pub lune: Rest<'a, Lune>,
+    pub glossy: Rest<'a, Glossy>,
+    /// Empty while no material has a clear coat.
+    pub coat: Rest<'a, [f32; 3]>,
+    /// Memory of the layers.
+    pub diffuse_rows: Rest<'a, f32>,
+    pub glossy_rows: Rest<'a, f32>,
+}
+
+/// What is left of a buffer, with so many elements a point.
+#[derive(Default)]
+pub(super) struct Rest<'a, T> {
+    elements: &'a mut [T],
+    per_point: usize,
+}
+
+impl<'a, T> Rest<'a, T> {
+    /// One element a point, or none at all.
+    pub fn new(elements: &'a mut [T]) -> Self {
+        let per_point = usize::from(!elements.is_empty());
+        Rest { elements, per_point }
+    }
+
+    /// Rows of `per_point`.
+    pub fn rows(elements: &'a mut [T], per_point: usize) -> Self {
+        Rest { elements, per_point }
+    }
+
+    /// Takes the elements of the first `n` points out.
+    fn take(&mut self, n: usize) -> Self {
+        let (first, rest) = std::mem::take(&mut self.elements).split_at_mut(n * self.per_point);
+        self.elements = rest;
+        Rest { elements: first, per_point: self.per_point }
+    }
 }
 
 impl<'a> Part<'a> {
-    /// Halves of the patches.
-    fn halves(self) -> [Part<'a>; 2] {
-        let (patches, later) = self.patches.split_at(self.patches.len() / 2);
-        let points = later[0].points.start - patches[0].points.start;
-        let is_lit = split(self.is_lit, patches.len());
-        let (irradiance, lune, glossy) = (split(self.irradiance, points), split(self.lune, points), split(self.glossy, points));
-        let (coat, lobes, highlights) = (split(self.coat, points), split(self.lobes, points), split(self.highlights, points));
-        let first = Part {
+    /// Takes the first `n` patches out.
+    fn take(&mut self, n: usize) -> Part<'a> {
+        let (patches, rest) = self.patches.split_at(n);
+        self.patches = rest;
+        let points = patches.iter().map(|patch| patch.points.len()).sum();
+        Part {
             patches,
-            is_lit: is_lit.0,
-            irradiance: irradiance.0,
-            lune: lune.0,
-            glossy: glossy.0,
-            coat: coat.0,
-            lobes: lobes.0,
-            highlights: highlights.0,
-        };
-        let second = Part {
-            patches: later,
-            is_lit: is_lit.1,
-            irradiance: irradiance.1,
-            lune: lune.1,
-            glossy: glossy.1,
-            coat: coat.1,
-            lobes: lobes.1,
-            highlights: highlights.1,
-        };
-        [first, second]
+            lit: self.lit.take(n),
+            irradiance: self.irradiance.take(points),
+            lune: self.lune.take(points),
+            glossy: self.glossy.take(points),
+            coat: self.coat.take(points),
+            diffuse_rows: self.diffuse_rows.take(points),
+            glossy_rows: self.glossy_rows.take(points),
+        }
     }
 }
 
 impl Work<'_> {
     /// Shades the patches that hold a wanted point, halves on two threads where there are any; returns how many points that were.
-    pub fn run(&self, part: Part) -> usize {
+    pub fn run(&self, mut part: Part) -> usize {
         if part.patches.len() <= GRAIN || cfg!(not(feature = "parallel")) {
             return self.run_here(part);
         }
-        let [first, second] = part.halves();
-        let (a, b) = join(|| self.run(first), || self.run(second));
+        let first = part.take(part.patches.len() / 2);
+        let (a, b) = join(|| self.run(first), || self.run(part));
         a + b
     }
 
-    fn run_here(&self, part: Part) -> usize {
-        let start = part.patches.first().map_or(0, |patch| patch.points.start);
+    fn run_here(&self, mut part: Part) -> usize {
         let mut shaded = 0;
-        for (patch, is_lit) in part.patches.iter().zip(part.is_lit) {
-            if self.wanted.is_some_and(|wanted| !wanted[patch.points.clone()].contains(&true)) {
-                continue;
-            }
-            let range = patch.points.start - start..patch.points.end - start;
-            if !std::mem::replace(is_lit, true) {
-                self.diffuse(patch, &mut part.irradiance[range.clone()], part.lune.get_mut(range.clone()).unwrap_or_default());
-            }
-            shaded += patch.points.len();
-            let Some(eye) = self.eye else { continue };
-            let glossy = &mut part.glossy[range.clone()];
-            self.glossy(patch, eye, glossy, part.highlights.get_mut(range.clone()).unwrap_or_default());
-            if let Some(((indirect, light), transfer)) = self.indirect.zip(patch.transfer()) {
-                let (position, normal) = (patch.points().position, patch.surfaces().normal);
-                add_glossy(light, &indirect.solid, &transfer, position, normal, eye, glossy, &mut part.lobes[range.clone()]);
-            }
-            if let Some(coat) = part.coat.get_mut(range) {
-                self.coat(patch, eye, coat);
+        while let [patch, ..] = part.patches {
+            let own = part.take(1);
+            if self.wanted.is_none_or(|wanted| wanted[patch.points.clone()].contains(&true)) {
+                self.patch(patch, own);
+                shaded += patch.points.len();
             }
         }
         shaded
     }
 
-    /// Vector irradiance, and what bent normals need beside it; `lune` may be empty.
-    fn diffuse(&self, patch: &AssetPatch, irradiance: &mut [[[f32; 3]; 3]], lune: &mut [Lune]) {
-        let mut second = [[0.0; 6]; PATCH_POINTS];
-        let is_bent = !lune.is_empty() && is_bent(patch, self.surfaces.baked);
-        let second = if is_bent { &mut second[..patch.points.len()] } else { &mut [] };
-        shade_moments(SimdPath::detect(), self.light, &patch.visibility(), irradiance, second);
-        let normal = patch.points().normal;
-        if let Some(((_, light), transfer)) = self.indirect.zip(patch.transfer()) {
-            add_irradiance(light, &transfer, normal, irradiance, second);
+    fn patch(&self, patch: &AssetPatch, mut part: Part) {
+        let (seen, first) = (patch.view(), patch.points.start);
+        let held = match std::mem::replace(&mut part.lit.elements[0], Lit::Now) {
+            Lit::Now => None,
+            Lit::Before => Some(Held::LightBefore),
+            Lit::No => Some(Held::Nothing),
+        };
+        if let Some(held) = held {
+            self.diffuse(&seen, held, &mut part);
         }
-        for (at, second) in second.iter().enumerate() {
-            lune[at] = Lune::new(&irradiance[at], *second, normal[at]);
+        if let Some(eye) = self.eye {
+            let mut lobes = [PointLobe::NONE; PATCH_POINTS];
+            let lobes = &mut lobes[..seen.len()];
+            lobes.iter_mut().enumerate().for_each(|(i, lobe)| *lobe = self.surfaces.lobe(&seen.surfaces, i, first + i));
+            self.layers.glossy(&seen, &Sight { eye, lobes }, part.glossy_rows.elements, part.glossy.elements);
+            if !part.coat.elements.is_empty() {
+                self.coat(&seen, first, eye, part.coat.elements);
+            }
         }
     }
 
-    /// Direct glossy light, and what pixels between points need of it; `highlights` may be empty.
-    fn glossy(&self, patch: &AssetPatch, eye: [f32; 3], glossy: &mut [Glossy], highlights: &mut [Highlight]) {
-        let (position, averages, first) = (patch.points().position, patch.surfaces(), patch.points.start);
-        let lobe = |i: usize| self.surfaces.lobe(&averages, i, first + i);
-        shade_lobes(SimdPath::detect(), self.accuracy, self.light, position, lobe, &patch.visibility(), eye, glossy);
-        if let Some(light) = self.highlights {
-            keep_highlights(light, position, lobe, eye, glossy, highlights);
+    /// Vector irradiance, and what bent normals need beside it.
+    fn diffuse(&self, patch: &Patch, held: Held, part: &mut Part) {
+        let mut second = [[0.0; 6]; PATCH_POINTS];
+        let is_bent = !part.lune.elements.is_empty() && is_bent(&patch.surfaces, self.surfaces.baked());
+        let second = if is_bent { &mut second[..patch.len()] } else { &mut [] };
+        let irradiance = &mut *part.irradiance.elements;
+        self.layers.diffuse(patch, held, part.diffuse_rows.elements, &mut Diffuse::new(irradiance, second));
+        for (at, second) in second.iter().enumerate() {
+            part.lune.elements[at] = Lune::new(&irradiance[at], *second, patch.points.normal[at]);
         }
     }
 
     /// Radiance of a whole clear coat, where the patch has one.
-    fn coat(&self, patch: &AssetPatch, eye: [f32; 3], coat: &mut [[f32; 3]]) {
-        let (averages, first, surfaces) = (patch.surfaces(), patch.points.start, self.surfaces);
-        if !averages.material.iter().any(|material| surfaces.materials[*material as usize].clearcoat > 0.0) {
+    fn coat(&self, patch: &Patch, first: usize, eye: [f32; 3], coat: &mut [[f32; 3]]) {
+        let (averages, surfaces) = (&patch.surfaces, self.surfaces);
+        if !averages.material.iter().any(|material| surfaces.materials()[*material as usize].clearcoat > 0.0) {
             return;
         }
-        let mut terms = [Glossy::default(); PATCH_POINTS];
-        let terms = &mut terms[..patch.points.len()];
-        let lobe = |i: usize| surfaces.coat(&averages, i, first + i);
-        shade_lobes(SimdPath::detect(), self.accuracy, self.light, patch.points().position, lobe, &patch.visibility(), eye, terms);
+        let (mut lobes, mut terms) = ([PointLobe::NONE; PATCH_POINTS], [Glossy::default(); PATCH_POINTS]);
+        let (lobes, terms) = (&mut lobes[..patch.len()], &mut terms[..patch.len()]);
+        lobes.iter_mut().enumerate().for_each(|(i, lobe)| *lobe = surfaces.coat(averages, i, first + i));
+        self.layers.coat(patch, &Sight { eye, lobes }, terms);
         for (coat, [base, rest]) in coat.iter_mut().zip(terms) {
             *coat = std::array::from_fn(|k| COAT_F0 * base[k] + rest[k]);
         }

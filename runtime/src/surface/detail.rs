@@ -4,9 +4,10 @@
 //! time. Lossy: textures of anisotropy and coat are read at the vertex, not averaged over what the point stands for.
 
 use super::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
-use crate::asset::mesh::{Lit, Mesh};
-use crate::block_product::brdf::PointLobe;
 use crate::brdf::{Lobe, Measured};
+use crate::chunk::mesh::{Lit, Mesh};
+use crate::chunk::surface::PointSurfaces;
+use crate::light::PointLobe;
 
 /// Of one point. Zeros where its material needs none of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,6 +32,11 @@ pub fn point_lobe<'a>(material: &Material, roughness: f32, normal: [f32; 3], det
     let sample = SurfaceSample { roughness, anisotropy: detail.anisotropy, model: material.model, ..SurfaceSample::default() };
     let lobe = if material.unlit { Lobe::None } else { sample.lobe(tables) };
     PointLobe { lobe, normal, tangent: detail.tangent }
+}
+
+/// Whether any of a patch's points has a normal map, so that its light is wanted on bent normals.
+pub fn is_bent(surfaces: &PointSurfaces, materials: &[Material]) -> bool {
+    surfaces.material.iter().any(|material| materials[*material as usize].normal_texture.is_some())
 }
 
 /// Fills the details of an object's points, of material `only` or of all. The first corner of a point in the mesh's order counts.

@@ -17,10 +17,11 @@
 //! warp of Wang et al. 2009.
 
 use super::light::FilteredLight;
-use crate::block_product::Glossy;
-use crate::block_product::brdf::PointLobe;
 use crate::brdf::{Lobe, phong};
+use crate::light::Glossy;
+use crate::light::PointLobe;
 use crate::sphere::frame::dot;
+use bytemuck::{Pod, Zeroable};
 
 /// Most that direct light may follow the open sky's: a ratio far above 1 says that the lobe is not where the light comes from.
 pub const MOST_RATIO: f32 = 2.0;
@@ -28,7 +29,8 @@ pub const MOST_RATIO: f32 = 2.0;
 const LEAST_COSINE: f64 = 0.1;
 
 /// What a point's lobe would reflect toward the eye under an open sky, beside what it does reflect. 52 bytes.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct Highlight {
     normal: [f32; 3],
     /// 0: none.
@@ -64,7 +66,12 @@ fn mirrored(n: [f32; 3], v: [f32; 3]) -> [f32; 3] {
 }
 
 impl Highlight {
-    /// Of a point whose direct light is `direct`.
+    /// What a point at `position` keeps for the pixels around it: its direct light alone is `direct`, toward `eye`.
+    pub fn toward(light: &FilteredLight, lobe: &PointLobe, position: [f32; 3], eye: [f32; 3], direct: &Glossy) -> Self {
+        let view = unit(std::array::from_fn(|k| eye[k] - position[k]));
+        view.map_or(Highlight::default(), |view| Highlight::at(light, lobe, view, direct))
+    }
+
     fn at(light: &FilteredLight, lobe: &PointLobe, view: [f32; 3], direct: &Glossy) -> Self {
         let cosine = dot(lobe.normal, view);
         match concentration(&lobe.lobe, f64::from(cosine)) {
@@ -74,22 +81,6 @@ impl Highlight {
             }
             _ => Highlight::default(),
         }
-    }
-}
-
-/// Keeps what pixels between points need of their direct light. `lobe(i)`: what point i reflects with; `glossy`: its direct light alone, toward
-/// `eye`. All slices have one element a point.
-pub fn keep_highlights<'l>(
-    light: &FilteredLight,
-    position: &[[f32; 3]],
-    lobe: impl Fn(usize) -> PointLobe<'l>,
-    eye: [f32; 3],
-    glossy: &[Glossy],
-    highlights: &mut [Highlight],
-) {
-    for (i, own) in highlights.iter_mut().enumerate() {
-        let view = unit(std::array::from_fn(|k| eye[k] - position[i][k]));
-        *own = view.map_or(Highlight::default(), |view| Highlight::at(light, &lobe(i), view, &glossy[i]));
     }
 }
 

@@ -8,9 +8,11 @@
 
 use crate::sphere::vmf;
 use crate::sphere::vmf::distance::{distance_squared, inner_product};
+use bytemuck::{Pod, Zeroable};
 
 /// Weighted von Mises–Fisher lobe, world space.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
 pub struct Lobe {
     /// Integral over the sphere, per channel; at least 0.
     pub weight: [f32; 3],

@@ -10,9 +10,11 @@
 //! | [`shade`] | light at points |
 //! | [`pixel`] | light between them |
 //! | [`highlight`] | direct light between them |
+//! | [`layer`] | all of it, as [`crate::light::Layer`] |
 
 pub mod highlight;
 pub mod interpolate;
+pub mod layer;
 pub mod light;
 pub mod lobe;
 pub mod pixel;

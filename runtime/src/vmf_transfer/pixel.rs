@@ -16,11 +16,12 @@ use super::interpolate::{Blend, blend};
 use super::light::FilteredLight;
 use super::lobe::{Lobe, luminance};
 use super::transfer::SLICE_LOBES;
-use crate::block_product::Glossy;
-use crate::block_product::brdf::PointLobe;
+use crate::light::{BetweenPoints, Glossy, PointLobe};
+use bytemuck::{Pod, Zeroable};
 
 /// One lobe of a point toward the eye that it was last shaded for. Black where the slot has none or several.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
 struct EyeLobe {
     lobe: Lobe,
     grazing: f32,
@@ -29,7 +30,8 @@ struct EyeLobe {
 }
 
 /// The lobes of a point toward the eye. 88 bytes.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct EyeLobes {
     slots: [EyeLobe; SLICE_LOBES],
 }
@@ -73,31 +75,44 @@ fn looked_up(light: &FilteredLight, blend: &Blend) -> [f32; 3] {
     radiance
 }
 
-impl PixelLobes<'_> {
-    /// Adds moved − linear to glossy light that was interpolated between three points, and what [`super::highlight`] says of direct light
-    /// toward the unit direction `view`; `own`: what the pixel reflects with, where textures make that its own.
-    pub fn correct(&self, points: [usize; 3], weights: [f32; 3], view: [f32; 3], own: Option<&PointLobe>, glossy: &mut Glossy) {
+/// Adds moved − linear to glossy light that was interpolated between three points that keep these lobes.
+pub(super) fn move_lobes(light: &FilteredLight, points: [&EyeLobes; 3], weights: [f32; 3], glossy: &mut Glossy) {
+    for slot in 0..SLICE_LOBES {
+        let corners = points.map(|point| &point.slots[slot]);
+        let say: [f32; 3] = std::array::from_fn(|k| weights[k] * luminance(corners[k].lobe.weight));
+        let sum = say[0] + say[1] + say[2];
+        if sum <= 0.0 {
+            continue;
+        }
+        let blend = blend(corners.map(|corner| corner.lobe), weights);
+        if blend.lobes().len() > 1 {
+            continue;
+        }
+        let moved = looked_up(light, &blend);
+        let grazing = (0..3).map(|k| say[k] * corners[k].grazing).sum::<f32>() / sum;
+        for c in 0..3 {
+            let linear: [f32; 3] = std::array::from_fn(|k| weights[k] * corners[k].radiance[c]);
+            glossy[0][c] += moved[c] - (linear[0] + linear[1] + linear[2]);
+            glossy[1][c] += grazing * moved[c] - (0..3).map(|k| linear[k] * corners[k].grazing).sum::<f32>();
+        }
+    }
+}
+
+impl BetweenPoints for PixelLobes<'_> {
+    fn n_points(&self) -> usize {
+        match (self.lobes.len(), self.highlights.len()) {
+            (0, 0) => usize::MAX,
+            (0, n) | (n, 0) => n,
+            (n, m) => n.min(m),
+        }
+    }
+
+    fn correct(&self, points: [usize; 3], weights: [f32; 3], view: [f32; 3], own: Option<&PointLobe>, glossy: &mut Glossy) {
         if !self.highlights.is_empty() {
             highlight::correct(self.light, points.map(|point| &self.highlights[point]), weights, view, own, glossy);
         }
-        for slot in 0..if self.lobes.is_empty() { 0 } else { SLICE_LOBES } {
-            let corners = points.map(|point| &self.lobes[point].slots[slot]);
-            let say: [f32; 3] = std::array::from_fn(|k| weights[k] * luminance(corners[k].lobe.weight));
-            let sum = say[0] + say[1] + say[2];
-            if sum <= 0.0 {
-                continue;
-            }
-            let blend = blend(corners.map(|corner| corner.lobe), weights);
-            if blend.lobes().len() > 1 {
-                continue;
-            }
-            let moved = looked_up(self.light, &blend);
-            let grazing = (0..3).map(|k| say[k] * corners[k].grazing).sum::<f32>() / sum;
-            for c in 0..3 {
-                let linear: [f32; 3] = std::array::from_fn(|k| weights[k] * corners[k].radiance[c]);
-                glossy[0][c] += moved[c] - (linear[0] + linear[1] + linear[2]);
-                glossy[1][c] += grazing * moved[c] - (0..3).map(|k| linear[k] * corners[k].grazing).sum::<f32>();
-            }
+        if !self.lobes.is_empty() {
+            move_lobes(self.light, points.map(|point| &self.lobes[point]), weights, glossy);
         }
         // Differences of sums may fall below nothing by their rounding.
         glossy.iter_mut().flatten().for_each(|value| *value = value.max(0.0));

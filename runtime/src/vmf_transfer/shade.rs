@@ -7,17 +7,17 @@
 //!
 //! Both go into the buffers that drawing reads, so base colour, metalness and F0 are applied per pixel.
 //!
-//! Lossy: irradiance has no direction of its own (on the bent normals of a map it counts as coming evenly, [`crate::surface::lune`]); between points glossy light is what
+//! Lossy: irradiance has no direction of its own (on the bent normals of a map it counts as coming evenly, [`crate::light::lune`]); between points glossy light is what
 //! [`super::pixel`] makes of it; slices carry single scattering of as many bounces as were baked, and their interpolation error.
 
 use super::interpolate::{Blend, blend};
 use super::light::FilteredLight;
 use super::pixel::EyeLobes;
 use super::transfer::{PointTransfer, Record, SLICE_LOBES, Transfer, TransferLobe, decode};
-use crate::block_product::Glossy;
+use crate::light::Glossy;
+use crate::light::lune::Lune;
 use crate::sphere::frame::tangents;
 use crate::sphere::icosahedron::Icosahedron;
-use crate::surface::lune::Lune;
 
 /// Adds indirect irradiance of every point of a patch, as a vector along its normal and to second moments. All slices have one element a
 /// point, `second` may have none.
@@ -64,22 +64,32 @@ pub fn add_glossy(
     lobes: &mut [EyeLobes],
 ) {
     for i in 0..transfer.len() {
-        let point = transfer.point(i);
-        lobes[i] = EyeLobes::default();
-        if point.level.is_none() {
-            continue;
-        }
-        let toward: [f32; 3] = std::array::from_fn(|k| eye[k] - position[i][k]);
-        let length = (toward[0] * toward[0] + toward[1] * toward[1] + toward[2] * toward[2]).sqrt();
-        if length <= 0.0 || !length.is_finite() {
-            continue;
-        }
-        let view = toward.map(|c| c / length);
-        let light = lobes[i].look_up(light, &slot_lobes(solid, &point, normal[i], view));
-        for (sum, term) in glossy[i].iter_mut().zip(light) {
-            (0..3).for_each(|c| sum[c] += term[c]);
-        }
+        lobes[i] = add_glossy_at(light, solid, &transfer.point(i), position[i], normal[i], eye, &mut glossy[i]);
     }
+}
+
+/// [`add_glossy`] of one point; returns its lobes.
+pub(super) fn add_glossy_at(
+    light: &FilteredLight,
+    solid: &Icosahedron,
+    point: &PointTransfer,
+    position: [f32; 3],
+    normal: [f32; 3],
+    eye: [f32; 3],
+    glossy: &mut Glossy,
+) -> EyeLobes {
+    let mut lobes = EyeLobes::default();
+    let toward: [f32; 3] = std::array::from_fn(|k| eye[k] - position[k]);
+    let length = (toward[0] * toward[0] + toward[1] * toward[1] + toward[2] * toward[2]).sqrt();
+    if point.level.is_none() || length <= 0.0 || !length.is_finite() {
+        return lobes;
+    }
+    let view = toward.map(|c| c / length);
+    let light = lobes.look_up(light, &slot_lobes(solid, point, normal, view));
+    for (sum, term) in glossy.iter_mut().zip(light) {
+        (0..3).for_each(|c| sum[c] += term[c]);
+    }
+    lobes
 }
 
 /// The lobes of a point toward a view, world space: for each slot the blend of the three slices around it. None of them is black.

@@ -24,8 +24,8 @@ pub use super::record::{Record, TransferLobe, decode, encode};
 
 use super::interpolate::middle;
 use super::record::is_number;
-use crate::asset::layout::{Reader, Writer};
-use crate::asset::points::PATCH_POINTS;
+use crate::chunk::layout::PATCH_POINTS;
+use crate::chunk::layout::{Reader, Writer};
 use crate::error::RuntimeError;
 use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 

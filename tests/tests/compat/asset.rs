@@ -16,6 +16,7 @@ use prelight_manifests::{ChunkKind, version};
 use prelight_runtime::asset::Asset;
 use prelight_runtime::brdf::Measured;
 use prelight_runtime::draw::camera::{Camera, SceneCamera};
+use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{Environment, LightCubemap};
 use prelight_runtime::relight::Relighter;
 use prelight_runtime::surface::{Material, Model, Texture, TextureEncoding, TextureRef, Wrap};
@@ -106,7 +107,7 @@ fn write(dir: &Path) {
         writer.add(&store.chunk(descriptor).unwrap(), FormChoice::Auto).unwrap();
     }
     writer.finish().unwrap();
-    let asset = Asset::open_file(&path, None).unwrap();
+    let asset = Arc::new(Asset::open_file(&path, None).unwrap());
     let rows: Vec<String> = picture(&asset).iter().map(|pixel| format!("    {}", json!(pixel))).collect();
     let digest = manifest.asset_digest;
     let text = format!("{{\n  \"asset_digest\": \"{digest}\",\n  \"picture\": [\n{}\n  ]\n}}\n", rows.join(",\n"));
@@ -114,7 +115,7 @@ fn write(dir: &Path) {
 }
 
 /// `[rows][columns]` radiance under a light that is brighter to one side.
-fn picture(asset: &Asset) -> Vec<[f32; 3]> {
+fn picture(asset: &Arc<Asset>) -> Vec<[f32; 3]> {
     let (width, height) = (32, 16);
     let pixel = |i: usize| {
         let (x, y) = ((i % width) as f32 / width as f32, (i / width) as f32 / height as f32);
@@ -122,13 +123,13 @@ fn picture(asset: &Asset) -> Vec<[f32; 3]> {
         [0.5 + sun + 0.3 * x, 0.6 + sun, 0.9 + 0.8 * sun - 0.5 * y]
     };
     let sky = Environment::new(width, height, (0..width * height).map(pixel).collect());
-    let (light, _) = LightCubemap::from_environment(&sky, 64);
+    let light = LightCubemap::from_environment(&sky, 64);
     let camera = asset.cameras()[0].camera;
-    let mut relighter = Relighter::new(asset);
-    relighter.set_light(&light);
+    let mut relighter = Relighter::new(asset.clone());
+    relighter.set_light(&light).unwrap();
     let view = relighter.view(&camera, SIZE, 16).unwrap();
-    relighter.shade(camera.eye, Some(&view.points));
-    relighter.draw(&view, &|_| [0.25, 0.5, 1.0], false).unwrap().image.pixels
+    relighter.shade(camera.eye, Some(&view.points)).unwrap();
+    relighter.draw(&view, Background::Function(&|_| [0.25, 0.5, 1.0]), Style::default()).unwrap().image.pixels
 }
 
 /// What is in it, whatever the version.
@@ -141,10 +142,10 @@ fn assert_whole(asset: &Asset) {
     let blends: Vec<bool> = (0..4).map(|object| !asset.mesh(object).blends.is_empty()).collect();
     assert_eq!(blends, [false, false, false, true], "meshes of both versions");
     let mut fractions = 0;
-    let plate = &asset.patches[asset.objects[2].patches.start];
+    let plate = &asset.patches()[asset.objects()[2].patches.start];
     plate.visibility().point(0).for_each_fraction(|_, _, _| fractions += 1);
     assert!(fractions > 0, "visibility in shades of gray");
-    let wall = &asset.patches[asset.objects[1].patches.start];
+    let wall = &asset.patches()[asset.objects()[1].patches.start];
     assert!(wall.transfer().is_some_and(|transfer| transfer.len() == wall.points.len()));
 }
 
@@ -156,7 +157,8 @@ fn kept(version: u32) -> PathBuf {
 fn an_asset_of_every_format_version_opens_and_looks_as_it_did() {
     for version in 1..=version::ASSET_FORMAT {
         let folder = kept(version);
-        let asset = Asset::open_file(&folder.join("every-kind.prelight"), None).unwrap_or_else(|error| panic!("{version}: {error}"));
+        let asset = Asset::open_file(&folder.join("every-kind.prelight"), None);
+        let asset = Arc::new(asset.unwrap_or_else(|error| panic!("{version}: {error}")));
         assert_eq!(asset.manifest().format, version);
         assert_whole(&asset);
         let expected: Value = serde_json::from_str(&std::fs::read_to_string(folder.join("expected.json")).unwrap()).unwrap();
@@ -185,5 +187,5 @@ fn an_asset_of_the_present_version_is_written_and_read() {
 fn the_asset_of_the_embedding_example_opens() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../runtime/examples/box.prelight");
     let asset = prelight_runtime::asset::Asset::open_file(&path, None).unwrap();
-    assert_eq!((asset.objects.len(), asset.n_points()), (2, 71));
+    assert_eq!((asset.objects().len(), asset.n_points()), (2, 71));
 }

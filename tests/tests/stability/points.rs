@@ -11,6 +11,7 @@ use prelight_runtime::draw::camera::{Camera, CameraRays};
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::compare;
 use prelight_runtime::draw::shade::{CLAY_ALBEDO, Frame};
+use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{Environment, LightCubemap};
 use prelight_runtime::relight::Relighter;
 use prelight_runtime::sphere::cubemap::{face_from_direction, texel_unit_direction};
@@ -19,6 +20,7 @@ use prelight_scene::{Primitive, Scene};
 use prelight_tests::{baked_asset, cuboid, quad, scene, sphere};
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 /// Materials of `prelight_tests::scene`.
 const SINGLE: u32 = 0;
@@ -49,12 +51,12 @@ struct Point {
 }
 
 /// All points of an object under a light.
-fn points(asset: &Asset, object: usize, light: &LightCubemap) -> Vec<Point> {
-    let mut relighter = Relighter::new(asset);
-    relighter.set_light(light);
-    relighter.shade([0.0, 9.0, 0.0], None);
+fn points(asset: &Arc<Asset>, object: usize, light: &LightCubemap) -> Vec<Point> {
+    let mut relighter = Relighter::new(asset.clone());
+    relighter.set_light(light).unwrap();
+    relighter.shade([0.0, 9.0, 0.0], None).unwrap();
     let mut points = Vec::new();
-    for patch in &asset.patches[asset.objects[object].patches.clone()] {
+    for patch in &asset.patches()[asset.objects()[object].patches.clone()] {
         let (arrays, visibility) = (patch.points(), patch.visibility());
         points.extend(patch.points.clone().enumerate().map(|(local, i)| Point {
             position: arrays.position[local],
@@ -65,16 +67,16 @@ fn points(asset: &Asset, object: usize, light: &LightCubemap) -> Vec<Point> {
             irradiance: dot(relighter.irradiance()[i][1], arrays.normal[local]),
         }));
     }
-    assert_eq!(points.len(), asset.objects[object].points.len());
+    assert_eq!(points.len(), asset.objects()[object].points.len());
     points
 }
 
-fn draw(asset: &Asset, light: &LightCubemap, camera: &Camera, size: [usize; 2]) -> Frame {
-    let mut relighter = Relighter::new(asset);
-    relighter.set_light(light);
+fn draw(asset: &Arc<Asset>, light: &LightCubemap, camera: &Camera, size: [usize; 2]) -> Frame {
+    let mut relighter = Relighter::new(asset.clone());
+    relighter.set_light(light).unwrap();
     let view = relighter.view(camera, size, 16).unwrap();
-    relighter.shade(camera.eye, Some(&view.points));
-    relighter.draw(&view, &|_| [0.0; 3], true).unwrap()
+    relighter.shade(camera.eye, Some(&view.points)).unwrap();
+    relighter.draw(&view, Background::Black, Style::Clay).unwrap()
 }
 
 fn look(eye: [f32; 3], at: [f32; 3], fov_y_deg: f32) -> Camera {
@@ -87,7 +89,7 @@ fn white() -> Environment {
 }
 
 fn light_from(environment: &Environment) -> LightCubemap {
-    LightCubemap::from_environment(environment, FACE_RESOLUTION).0
+    LightCubemap::from_environment(environment, FACE_RESOLUTION)
 }
 
 /// Flux 1 from one texel, that which holds a direction; also that texel's own direction.
@@ -342,8 +344,9 @@ fn an_inside_out_box_blocks_as_a_box_and_shows_the_side_that_is_there() {
     let plain = with(cuboid(lower, upper, SINGLE));
     let single = with(inside_out(cuboid(lower, upper, SINGLE)));
     let double = with(inside_out(cuboid(lower, upper, DOUBLE)));
-    let floor =
-        |asset: &Asset| -> Vec<(bool, u32)> { points(asset, 0, &light).iter().map(|p| (p.is_buried, p.irradiance.to_bits())).collect() };
+    let floor = |asset: &Arc<Asset>| -> Vec<(bool, u32)> {
+        points(asset, 0, &light).iter().map(|p| (p.is_buried, p.irradiance.to_bits())).collect()
+    };
     assert!(points(&plain, 0, &light).iter().any(|p| p.irradiance < 0.5 * PI), "the box casts a shadow");
     assert_eq!(floor(&single), floor(&plain), "triangles block from both sides");
     assert_eq!(floor(&double), floor(&plain));

@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut rows = Vec::new();
     for asset in &assets {
         let (mut bytes, mut points, mut seeing, mut transitions, mut parts) = (0, 0, 0, 0, 0);
-        for patch in &asset.patches {
+        for patch in asset.patches() {
             let visibility = patch.visibility();
             points += visibility.len();
             for point in (0..visibility.len()).map(|point| visibility.point(point)) {
@@ -57,7 +57,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut out = vec![[[0.0; 3]; 3]; 256];
     for _ in 0..ROUNDS {
         for ((asset, light), times) in assets.iter().zip(&lights).zip(&mut times) {
-            let visible: Vec<_> = asset.patches.iter().map(|patch| patch.visibility()).collect();
+            let visible: Vec<_> = asset.patches().iter().map(|patch| patch.visibility()).collect();
             let before = thread_nanoseconds();
             for visibility in &visible {
                 shade_diffuse(light, visibility, black_box(&mut out[..visibility.len()]));

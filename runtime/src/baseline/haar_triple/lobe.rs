@@ -7,8 +7,8 @@
 //! so that the three products are the irradiance at n and the two Schlick terms, which is what every other technique here gives.
 
 use super::simd;
-use crate::block_product::SimdPath;
-use crate::block_product::brdf::{PointLobe, TexelLobe};
+use crate::light::SimdPath;
+use crate::light::{PointLobe, TexelLobe};
 use crate::sphere::cubemap::{row_major_from_hilbert, texel_solid_angle, texel_unit_direction};
 
 /// Directions of a cubemap in Hilbert order, and room for the values of one point.

@@ -2,7 +2,7 @@
 #![allow(unsafe_code)]
 
 use super::lobe::{self, Coefficients};
-use crate::block_product::SimdPath;
+use crate::light::SimdPath;
 
 /// [`lobe::evaluate`] on a path that the CPU has.
 pub(super) fn evaluate(path: SimdPath, lobe: &Coefficients, direction: [&[f32]; 3], values: &mut [Vec<f32>; 3]) {

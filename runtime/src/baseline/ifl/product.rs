@@ -5,7 +5,7 @@ use super::rules::samples;
 use super::surface::{Lobe, Phong};
 use super::visibility::IflVisibility;
 use super::{simd, visibility};
-use crate::block_product::SimdPath;
+use crate::light::SimdPath;
 use crate::sphere::cubemap::BLOCK_TEXELS;
 
 /// How often the blocks of all points took which line of Algorithm 1, and how many samples the ones that are not hidden took.

@@ -5,7 +5,7 @@ use super::light::IflLight;
 use super::product::{self, Centres, Statistics};
 use super::surface::Lobe;
 use super::visibility::IflVisibility;
-use crate::block_product::SimdPath;
+use crate::light::SimdPath;
 
 /// [`product::run`] on a path that the CPU has. No fused multiply-add: all paths give the same bits.
 pub(super) fn run(

@@ -3,8 +3,8 @@
 use super::basis::{LANES, Recurrence};
 use super::brdf::zonal_lobe;
 use super::{MAX_BANDS, ShLight, coefficients, simd};
-use crate::block_product::{Glossy, SimdPath};
 use crate::brdf::ggx::lift_view;
+use crate::light::{Glossy, SimdPath};
 use crate::sphere::frame::{dot, tangents};
 
 /// Points to shade; every slice has one element per point, but `visibility`, which has `bands`² each.

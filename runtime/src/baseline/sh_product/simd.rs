@@ -4,7 +4,7 @@
 use super::ShLight;
 use super::basis::Recurrence;
 use super::shade::{self, Tile};
-use crate::block_product::SimdPath;
+use crate::light::SimdPath;
 
 /// [`shade::run`] on a path that the CPU has.
 pub(super) fn run(path: SimdPath, light: &ShLight, recurrence: &Recurrence, tile: &mut Tile) {

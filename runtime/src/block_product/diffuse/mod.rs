@@ -12,9 +12,9 @@
 mod parts;
 mod runs;
 
-use super::dispatch::SimdPath;
 use super::light::{LANES, Light};
 use super::visibility::Visibility;
+use crate::light::SimdPath;
 
 /// Vector irradiance `[channel][axis]` of every point of a patch, W·m⁻²; its dot product with a normal is the irradiance there.
 ///
@@ -30,7 +30,7 @@ pub fn shade_diffuse_with(path: SimdPath, light: &Light, visibility: &Visibility
 }
 
 /// [`shade_diffuse_with`], and of the sum of the channels the second moments ∫ L ω ωᵀ over what is open, as xx, yy, zz, xy, yz, zx, W·m⁻²: bent
-/// normals want them ([`crate::surface::lune`]). `second` has one element per point, or none. Costs no more: the sums lie beside the others.
+/// normals want them ([`crate::light::lune`]). `second` has one element per point, or none. Costs no more: the sums lie beside the others.
 pub fn shade_moments(path: SimdPath, light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {
     assert_eq!(out.len(), visibility.len(), "one result per point");
     assert!(second.is_empty() || second.len() == out.len(), "moments of every point, or of none");

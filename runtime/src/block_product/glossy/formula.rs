@@ -17,9 +17,9 @@
 //! `most` · κ · σ² for light with a mean square spread σ²: an estimate, good where σ is below the lobe's width, and cut off at `most`.
 //! m² is the larger squared width, c its smaller one's reciprocal, z the least n·l of the ball.
 
-use super::super::brdf::{Shape, TexelLobe};
-use super::super::lanes::{Lanes, WIDTH};
 use crate::brdf::Measured;
+use crate::light::lanes::{Lanes, WIDTH};
+use crate::light::texel_lobe::{Shape, TexelLobe};
 
 /// Half the second derivative of q⁻² along l, relative, in units of 1 / (a_x² q): 2 at the peak, 8 in the tail.
 const GGX_CURVATURE: f32 = 4.0;

@@ -1,7 +1,7 @@
 //! Runs that are to be summed, sixteen at a time, on a list: one loop sums many with the lobe in registers.
 
-use super::super::lanes::WIDTH;
 use super::super::visibility::MAX_BLOCKS;
+use crate::light::lanes::WIDTH;
 
 /// Sixteen neighbouring runs of a level and which of them count.
 #[derive(Clone, Copy, Default)]

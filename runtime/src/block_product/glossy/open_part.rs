@@ -13,10 +13,10 @@
 //! Lossy: how channels differ in spread about d; and the sums' rounding, 6e-8 of all light a transition, which is why blocks with less than
 //! [`LEAST`] of all light are not taken this way.
 
-use super::super::lanes::{Lanes, WIDTH};
 use super::super::light::SuffixLine;
 use super::super::visibility::PointVisibility;
 use super::seen::Seen;
+use crate::light::lanes::{Lanes, WIDTH};
 use crate::sphere::cubemap::BLOCK_TEXELS;
 
 /// Share of all light below which a block's sums are too coarse.

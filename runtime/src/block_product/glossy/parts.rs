@@ -1,12 +1,13 @@
 //! What the levels ask of a lobe: which runs of a group matter, which of them one sample would miss, and the sums. Once for lobes with a
 //! formula, once for measured ones.
 
-use super::super::lanes::{Lanes, WIDTH};
 use super::super::light::Level;
 use super::formula::{Formula, Lobe, Registers, measured_bounds, measured_values};
 use super::groups::{GATHERED, Group, IN_PART, part};
 use super::open_part::OpenParts;
-use super::{CELL_SHARE, DROPPED, Glossy};
+use super::{CELL_SHARE, DROPPED};
+use crate::light::Glossy;
+use crate::light::lanes::{Lanes, WIDTH};
 
 /// What one sample at a cell's mean can miss of a part of the cell, relative to √(κσ²) of `most`: a Gaussian falls by at most 1.2 √κ of its peak, and
 /// the half of the light beyond a line through its mean is about σ away from it.

@@ -1,8 +1,8 @@
 //! Which blocks a point sees, and which texels of a block.
 
-use super::super::lanes::{Cells, Lanes, WIDTH};
 use super::super::visibility::fractions::PointFractions;
 use super::super::visibility::{MAX_BLOCKS, PointVisibility};
+use crate::light::lanes::{Cells, Lanes, WIDTH};
 
 /// Bit b of group g is block 16·g + b. Kept on the stack of one call.
 pub(super) struct Seen {

@@ -1,15 +1,16 @@
 //! The three levels of one lobe over one light, as a kernel.
 
-use super::super::brdf::Shape;
-use super::super::lanes::{Cells, Kernel, Lanes, WIDTH};
 use super::super::light::{Level, Pyramid, SuffixLine};
 use super::super::visibility::{MAX_BLOCKS, PointVisibility};
+use super::CELL_SHARE;
 use super::formula::{BlinnPhong, CookTorrance, Ggx, Lobe, Phong, Ward};
 use super::groups::{GATHERED, IN_PART, List, part};
 use super::open_part::OpenParts;
 use super::parts::{Blocks, Parts, Smooth, Table, Tested};
 use super::seen::Seen;
-use super::{CELL_SHARE, Glossy};
+use crate::light::Glossy;
+use crate::light::lanes::{Cells, Kernel, Lanes, WIDTH};
+use crate::light::texel_lobe::Shape;
 
 /// One lobe over one light. `ENERGY`: the light is solid angle, and only \[0\]\[0\] = Σ (both terms) is filled.
 pub(super) struct Over<'a, const ENERGY: bool> {

@@ -5,8 +5,8 @@
 //! ```
 
 use super::simd;
-use crate::block_product::SimdPath;
 use crate::environment::LightCubemap;
+use crate::light::SimdPath;
 use crate::sphere::cubemap::texel_unit_direction;
 use crate::sphere::frame::dot;
 use crate::sphere::vmf::peak;

@@ -16,8 +16,8 @@
 mod gather;
 mod simd;
 
-use crate::block_product::SimdPath;
 use crate::environment::LightCubemap;
+use crate::light::SimdPath;
 use crate::sphere::cubemap::{face_axes, face_from_direction, texel_solid_angle};
 use crate::sphere::frame::dot;
 use gather::{Cap, Kernel, Tiles};

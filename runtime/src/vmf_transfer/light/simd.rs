@@ -2,7 +2,7 @@
 #![allow(unsafe_code)]
 
 use super::gather::{Kernel, LANES, Tiles};
-use crate::block_product::SimdPath;
+use crate::light::SimdPath;
 
 /// [`Tiles::sum`] on a path that the CPU has.
 pub fn sum(path: SimdPath, tiles: &Tiles, near: &[usize], d: [f32; 3], kernel: &Kernel) -> [[f32; LANES]; 3] {

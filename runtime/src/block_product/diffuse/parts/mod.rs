@@ -4,9 +4,9 @@
 mod simd;
 
 use super::total;
-use crate::block_product::dispatch::SimdPath;
 use crate::block_product::light::{LANES, Light};
 use crate::block_product::visibility::Visibility;
+use crate::light::SimdPath;
 
 /// Adds the sums of every point of a patch; nothing in a binary chunk.
 pub(super) fn add(path: SimdPath, light: &Light, visibility: &Visibility, out: &mut [[[f32; 3]; 3]], second: &mut [[f32; 6]]) {

@@ -7,9 +7,9 @@
 pub(super) mod simd;
 
 use super::total;
-use crate::block_product::dispatch::SimdPath;
 use crate::block_product::light::{LANES, Light};
 use crate::block_product::visibility::Visibility;
+use crate::light::SimdPath;
 use crate::sphere::cubemap::BLOCK_TEXELS;
 
 /// Blocks of a part.

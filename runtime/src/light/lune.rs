@@ -19,8 +19,6 @@
 //! Never less than max(0, E·n_b), and E·n where nothing is bent. Lossy elsewhere: tests tabulate it from 0 to 60 degrees: within 7 % of
 //! E(n_b) under skies, suns, studio lights and windows, where E·n_b alone loses up to 47 %. Source: ours; the moments lie beside those of \[IFL\] Eq. 6.
 
-use super::Material;
-use crate::asset::AssetPatch;
 use crate::sphere::frame::dot;
 use std::f64::consts::PI;
 use std::sync::OnceLock;
@@ -37,11 +35,6 @@ const STEPS: usize = 64;
 /// Sum of the channels of a vector irradiance `[channel][axis]`.
 fn sum(irradiance: &[[f32; 3]; 3]) -> [f32; 3] {
     std::array::from_fn(|axis| irradiance[0][axis] + irradiance[1][axis] + irradiance[2][axis])
-}
-
-/// A point of the patch has a normal map.
-pub fn is_bent(patch: &AssetPatch, materials: &[Material]) -> bool {
-    patch.surfaces().material.iter().any(|material| materials[*material as usize].normal_texture.is_some())
 }
 
 /// A normal, and what a map makes of it; the same for all points that light a place.

@@ -7,7 +7,7 @@
 #[cfg(target_arch = "x86_64")]
 mod simd;
 
-use super::dispatch::SimdPath;
+use crate::light::SimdPath;
 
 /// Numbers worked on at a time: runs of a group, cells of a block, texels of a cell.
 pub const WIDTH: usize = 16;

@@ -29,6 +29,7 @@
 //!
 //! Lossy: reflections are blurred by about a texel (1.3° at 64²). Measured lobes are taken as they are.
 
+use super::PointLobe;
 use crate::brdf::{Lobe, Measured, blinn_phong, cross, ggx, phong};
 use crate::sphere::frame::dot;
 use std::f64::consts::PI;
@@ -39,24 +40,6 @@ pub const FOOTPRINT: f64 = 1.0;
 const NORMALISING: [f64; 2] = [0.1, 0.2];
 /// n·v at which normalising ends, and below which it is full.
 const GRAZING: [f64; 2] = [0.2, 0.1];
-
-/// What a point reflects with: a lobe, and how it stands in the world.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PointLobe<'a> {
-    /// The lobe.
-    pub lobe: Lobe<'a>,
-    /// Unit normal of the lobe.
-    pub normal: [f32; 3],
-    /// Direction of an anisotropic lobe's first width; need not be perpendicular to the normal. Zero: any.
-    pub tangent: [f32; 3],
-}
-
-impl PointLobe<'_> {
-    /// An isotropic GGX lobe of a perceptual roughness.
-    pub fn ggx(normal: [f32; 3], roughness: f32) -> Self {
-        PointLobe { lobe: Lobe::Ggx { alpha: [ggx::alpha(roughness); 2] }, normal, tangent: [0.0; 3] }
-    }
-}
 
 /// Which formula of the module head.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

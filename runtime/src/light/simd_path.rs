@@ -1,13 +1,15 @@
-//! Which instructions shading uses.
+//! Which instructions shading and tracing use.
 
 use std::sync::OnceLock;
 
-/// A set of instructions. Diffuse sums have the same bits on every path; glossy sums differ by rounding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+/// A set of instructions. Diffuse sums and traced bits are the same on every path; glossy sums differ by rounding. Who has no code for a
+/// path takes the next lower one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SimdPath {
     /// Portable code.
+    #[default]
     Scalar,
-    /// x86-64 with AVX2 and FMA.
+    /// x86-64 with AVX2, FMA, BMI1, BMI2, LZCNT and POPCNT.
     Avx2,
     /// x86-64 with AVX-512 F, BW, DQ and VL.
     Avx512,
@@ -35,6 +37,7 @@ impl SimdPath {
                 && is_x86_feature_detected!("fma")
                 && is_x86_feature_detected!("bmi1")
                 && is_x86_feature_detected!("bmi2")
+                && is_x86_feature_detected!("lzcnt")
                 && is_x86_feature_detected!("popcnt");
             let avx512 = avx2
                 && is_x86_feature_detected!("avx512f")

@@ -4,14 +4,13 @@
 //! bounds the hemisphere; geometric_normal `[n, 3]` f32 unit; area `[n]` f32 m², the surface that the point stands for;
 //! flags `[n]` u32, see [`BACK_SIDE`] and [`BURIED`].
 
+pub use super::layout::PATCH_POINTS;
 use super::layout::{Reader, Writer};
 use crate::error::RuntimeError;
 
 const MAGIC: &[u8; 4] = b"PLPT";
 const VERSION: u32 = 1;
 
-/// Most points in a patch.
-pub const PATCH_POINTS: usize = 256;
 /// Flag: the point shades the back of a double-sided surface; its normals are already flipped.
 pub const BACK_SIDE: u32 = 1;
 /// Flag: the point lies inside another solid or on a coincident surface and must not be interpolated from.

@@ -12,6 +12,9 @@ use std::ops::RangeInclusive;
 /// Alignment of every array.
 pub const ALIGNMENT: usize = 64;
 
+/// Most points in a patch, the unit of chunks.
+pub const PATCH_POINTS: usize = 256;
+
 /// Builds a chunk.
 pub struct Writer {
     bytes: Vec<u8>,
