@@ -160,7 +160,7 @@ impl<B: Backend> Relighter<B> {
         self.surfaces.materials()
     }
 
-    /// Adds a measured table for [`Model::Measured`]; returns its number.
+    /// Adds a measured table for [`crate::surface::Model::Measured`]; returns its number.
     pub fn add_table(&mut self, table: Measured) -> u32 {
         self.surfaces.add_table(table)
     }

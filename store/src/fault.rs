@@ -3,7 +3,7 @@
 //! Only with feature `fault-injection`, which tests turn on: without it the steps have names and nothing happens at them, whatever the
 //! environment says.
 //!
-//! In process: [`crate::StoreOptions::fault_hook`] sees the steps, [`with_call_hook`] every call that the current thread makes to the
+//! In process: `StoreOptions::fault_hook` sees the steps, `with_call_hook` every call that the current thread makes to the
 //! system; an error that a hook returns is what the call at that place would have returned. From outside:
 //! `PRELIGHT_FAULT=segment_renamed` (or `segment_renamed:3` for the third time) aborts the process there, as kill -9 would, and
 //! `PRELIGHT_FAULT=os:write:ENOSPC:5` lets every `write` from the fifth on fail, as on a full disk (calls: mkdir, create, open, read,
