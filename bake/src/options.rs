@@ -8,7 +8,6 @@ use crate::engine::Engine;
 use crate::factor::Technique;
 use crate::mesh::PointParams;
 use crate::trace::TreeQuality;
-use prelight_manifests::Technique as Name;
 use prelight_manifests::quality::Shades;
 use std::sync::Arc;
 
@@ -35,7 +34,7 @@ pub struct BakeOptions {
 
 impl BakeOptions {
     /// How finely an object's visibility is kept.
-    pub fn shades_of(&self, object: u32) -> Shades {
+    pub(crate) fn shades_of(&self, object: u32) -> Shades {
         shades_of(&self.visibility, object)
     }
 
@@ -63,13 +62,8 @@ impl BakeOptions {
     }
 
     /// The technique that takes an object; `None` for `block_product`.
-    pub fn technique_of(&self, object: u32) -> Option<&dyn Technique> {
+    pub(crate) fn technique_of(&self, object: u32) -> Option<&dyn Technique> {
         self.techniques.iter().map(|technique| &**technique).find(|technique| technique.takes(object))
-    }
-
-    /// Name of an object's technique, as the asset has it.
-    pub fn technique_name(&self, object: u32) -> &str {
-        self.technique_of(object).map_or(Name::BLOCK_PRODUCT.name(), Technique::name)
     }
 }
 
@@ -88,7 +82,7 @@ pub struct RebakeOptions {
 
 impl RebakeOptions {
     /// Whether an object is baked.
-    pub fn wants(&self, object: usize) -> bool {
+    pub(crate) fn wants(&self, object: usize) -> bool {
         self.only.as_ref().is_none_or(|only| only.get(object).copied().unwrap_or(false))
     }
 }

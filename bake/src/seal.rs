@@ -19,7 +19,7 @@ pub(crate) struct SceneChunks {
 }
 
 impl SceneChunks {
-    pub fn put(scene: &Scene, store: &Store) -> Result<Self, BakeError> {
+    pub(crate) fn put(scene: &Scene, store: &Store) -> Result<Self, BakeError> {
         let mut writer = store.writer();
         let mut json = |kind, count: usize, value: serde_json::Result<Vec<u8>>| {
             let bytes = value.expect("materials, cameras and extras have string keys and finite numbers");
@@ -42,7 +42,7 @@ impl SceneChunks {
         Ok(SceneChunks { materials, textures, brdfs, cameras, names, bytes_stored })
     }
 
-    pub fn content(self, world: &World, face_resolution: u32, objects: Vec<asset::AssetObject>) -> AssetContent {
+    pub(crate) fn content(self, world: &World, face_resolution: u32, objects: Vec<asset::AssetObject>) -> AssetContent {
         AssetContent {
             algorithm_version: version::ALGORITHM_VERSION,
             face_resolution,
@@ -64,7 +64,7 @@ pub(crate) fn resident_bytes(content: &AssetContent) -> u64 {
 }
 
 /// Publishes a finished bake: the manifest goes into the store and gets a root. The file that the user sees is the caller's to write.
-pub fn seal(
+pub(crate) fn seal(
     content: AssetContent,
     asset_digest: Digest,
     report: BTreeMap<String, serde_json::Value>,

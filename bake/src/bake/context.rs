@@ -29,7 +29,7 @@ pub(super) struct ActiveTechnique<'a> {
 
 impl Context<'_> {
     /// The technique of an object; `None` for `block_product`.
-    pub fn technique_of(&self, object: u32) -> Option<&ActiveTechnique<'_>> {
+    pub(crate) fn technique_of(&self, object: u32) -> Option<&ActiveTechnique<'_>> {
         let name = self.options.technique_of(object)?.name();
         self.techniques.iter().find(|technique| technique.name == name)
     }

@@ -25,7 +25,7 @@ use std::cell::OnceCell;
 
 impl Context<'_> {
     /// Traces what a preview of about so many points needs, and gives that part of each object.
-    pub fn first_points(
+    pub(crate) fn first_points(
         &self,
         work: &mut [ObjectWork],
         points: usize,
@@ -39,7 +39,7 @@ impl Context<'_> {
     }
 
     /// What is lost between the points of finished objects.
-    pub fn measure(
+    pub(crate) fn measure(
         &self,
         work: &[ObjectWork],
         world: &World,
@@ -59,7 +59,7 @@ impl Context<'_> {
 
     /// Puts what is final only now (areas change when triangles are split), names every chunk of the objects and, where they are `whole`,
     /// records them.
-    pub fn seal(&self, work: &[ObjectWork], whole: bool, stats: &mut BakeStats) -> Result<Vec<AssetObject>, BakeError> {
+    pub(crate) fn seal(&self, work: &[ObjectWork], whole: bool, stats: &mut BakeStats) -> Result<Vec<AssetObject>, BakeError> {
         // Nothing is traced here, so little is lost with a shard.
         const POINTS_PER_SHARD: usize = 256 * PATCH_POINTS;
         let mut writer = self.store.writer();

@@ -111,7 +111,7 @@ impl Default for Clock {
 }
 
 impl Clock {
-    pub fn lap(&mut self, stage: &'static str) {
+    pub(crate) fn lap(&mut self, stage: &'static str) {
         let now = Instant::now();
         let seconds = (now - self.last).as_secs_f64();
         self.last = now;

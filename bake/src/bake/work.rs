@@ -59,7 +59,7 @@ pub(super) struct ObjectWork {
 }
 
 impl ObjectWork {
-    pub fn new(plan: ObjectPlan, known: Option<Box<KnownLight>>) -> Self {
+    pub(crate) fn new(plan: ObjectPlan, known: Option<Box<KnownLight>>) -> Self {
         ObjectWork {
             plan,
             visibility: Vec::new(),
@@ -98,7 +98,7 @@ impl ObjectWork {
 
     /// The earlier bake whose chunks this object still has, but for those of light: all patches so far are as they were, and no other was
     /// touched. Nothing is left to do then.
-    pub fn standing(&self) -> Option<(&KnownLight, &ObjectChunks)> {
+    pub(crate) fn standing(&self) -> Option<(&KnownLight, &ObjectChunks)> {
         let known = self.known.as_deref()?;
         let n = self.visibility.len();
         let same = !known.touched[n..].contains(&true) && (0..n).all(|patch| !self.is_changed(known, patch));
@@ -106,7 +106,7 @@ impl ObjectWork {
     }
 
     /// Points of the finished object.
-    pub fn n_points(&self) -> u64 {
+    pub(crate) fn n_points(&self) -> u64 {
         match self.standing() {
             Some((known, _)) => known.light.patches.iter().map(|patch| u64::from(patch.n_points)).sum(),
             None => self.plan.n_points() as u64,
@@ -114,18 +114,18 @@ impl ObjectWork {
     }
 
     /// The chunks of an earlier bake, if this finished object is split as it was then.
-    pub fn chunks_before(&self) -> Option<(&KnownLight, &ObjectChunks)> {
+    pub(crate) fn chunks_before(&self) -> Option<(&KnownLight, &ObjectChunks)> {
         let known = self.known.as_deref().filter(|known| known.light.patches.len() == self.visibility.len())?;
         Some(known).zip(known.chunks.as_ref())
     }
 
     /// Whether a patch has the buried points that an earlier bake found.
-    pub fn is_buried_as(&self, known: &KnownLight, patch: usize) -> bool {
+    pub(crate) fn is_buried_as(&self, known: &KnownLight, patch: usize) -> bool {
         known.light.patches[patch].buried == self.buried[patch]
     }
 
     /// What is recorded of the finished object.
-    pub fn light(&self, options: &BakeOptions) -> LightRecord {
+    pub(crate) fn light(&self, options: &BakeOptions) -> LightRecord {
         let patch = |index: usize| LightPatch {
             n_points: self.plan.patches[index].n_points,
             visibility: self.visibility[index].0.clone(),
@@ -148,13 +148,13 @@ impl ObjectWork {
     }
 
     /// With its first patches alone, which have been traced.
-    pub fn first_patches(&self, n: usize) -> Self {
+    pub(crate) fn first_patches(&self, n: usize) -> Self {
         let (plan, visibility) = (self.plan.first_patches(n), self.visibility[..n].to_vec());
         ObjectWork { visibility, counts: self.counts, ..ObjectWork::new(plan, None) }
     }
 
     /// What is lost between its points.
-    pub fn measure(
+    pub(crate) fn measure(
         &self,
         world: &World,
         occluders: &Occluders,
@@ -170,7 +170,7 @@ impl ObjectWork {
     }
 
     /// Bakes what the object's technique adds to visibility: for patches that are new, and those whose averages the last split has changed.
-    pub fn bake_factors(&mut self, of: &Context, stats: &mut BakeStats) -> Result<(), BakeError> {
+    pub(crate) fn bake_factors(&mut self, of: &Context, stats: &mut BakeStats) -> Result<(), BakeError> {
         let Some(technique) = of.technique_of(self.plan.object).filter(|_| self.surfaces.is_none()) else { return Ok(()) };
         let surfaces = point_surfaces(of.scene, &self.plan);
         let factors = technique.factors.object(&self.plan, &surfaces);
@@ -200,7 +200,7 @@ impl ObjectWork {
 
     /// Splits edges whose ends see different things, where a budget asks for it also those that borders of shadows cross, or whose ends differ
     /// in what the technique adds; returns how many points that added.
-    pub fn split(&mut self, params: &PointParams, of: &Context) -> Result<u64, BakeError> {
+    pub(crate) fn split(&mut self, params: &PointParams, of: &Context) -> Result<u64, BakeError> {
         let face_resolution = of.options.face_resolution;
         let first: Vec<u32> = self.plan.patches.iter().map(|patch| patch.first).collect();
         let patch_of = |i: u32| first.partition_point(|first| *first <= i) - 1;

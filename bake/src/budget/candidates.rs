@@ -60,13 +60,13 @@ pub struct Candidate {
 
 impl Candidate {
     /// Whether it meets a budget with the margin.
-    pub fn meets(&self, budget: f64) -> bool {
+    pub(crate) fn meets(&self, budget: f64) -> bool {
         self.predicted <= MARGIN * budget
     }
 }
 
 /// The parameters of a candidate. `own` are the object's without a budget.
-pub fn params(own: &PointParams, length: usize, border: usize) -> PointParams {
+pub(crate) fn params(own: &PointParams, length: usize, border: usize) -> PointParams {
     let at_length = PointParams { coarser: true, ..own.with_edge_length(own.edge_length * LENGTHS[length]) };
     if BORDERS[border].is_infinite() {
         return at_length;
@@ -140,7 +140,7 @@ impl<'a> Question<'a> {
     ///
     /// # Errors
     /// A candidate that cannot be planned.
-    pub fn allows(&mut self, length: usize) -> Result<bool, BakeError> {
+    pub(crate) fn allows(&mut self, length: usize) -> Result<bool, BakeError> {
         if length < FREE_LENGTHS {
             return Ok(true);
         }
@@ -149,7 +149,7 @@ impl<'a> Question<'a> {
     }
 
     /// Points of an edge length without borders, whether allowed or not, as far as refinement makes them.
-    pub fn counted(&self, length: usize) -> u64 {
+    pub(crate) fn counted(&self, length: usize) -> u64 {
         let base = &self.plans[0][0].as_ref().expect("planned first").base;
         count_object(base, &params(&self.own, length, 0), u64::MAX).points
     }

@@ -33,7 +33,7 @@ fn together(dome: &Sum, own: &Sum) -> Irradiance {
 pub(super) struct RunningMoments(Vec<Sum>);
 
 impl RunningMoments {
-    pub fn new(light: &LightCubemap) -> Self {
+    pub(crate) fn new(light: &LightCubemap) -> Self {
         let n = light.face_resolution;
         let (order, mut sum) = (row_major_from_hilbert(n), [0.0; 9]);
         let mut sums = Vec::with_capacity(6 * n * n + 1);

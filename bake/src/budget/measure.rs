@@ -13,7 +13,7 @@ use std::ops::Range;
 
 /// Share of the lights, each by itself, that an error is to hold under. The rest are mostly suns that only graze an object: what little is lit then
 /// is all border.
-pub const LIGHTS: f64 = 0.9;
+pub(crate) const LIGHTS: f64 = 0.9;
 
 /// The share of steering lights that a forecast looks at as well.
 const MORE_LIGHTS: f64 = 0.95;

@@ -59,7 +59,7 @@ pub struct Places {
 impl Places {
     /// `n` places of an object under some lights, less those that lie inside something, which nobody sees; none on an object without a surface.
     /// `edge_length` as in [`surface_origin`].
-    pub fn new(
+    pub(crate) fn new(
         base: &BaseMesh,
         world: &World,
         occluders: &Occluders,
@@ -119,11 +119,6 @@ impl Places {
         self.places.len()
     }
 
-    /// Whether there are none: an object without a surface.
-    pub fn is_empty(&self) -> bool {
-        self.places.is_empty()
-    }
-
     /// One of them alone.
     pub fn alone(&self, place: usize) -> Places {
         Places { places: vec![self.places[place].clone()], area: self.area }
@@ -136,7 +131,7 @@ impl Places {
 
     /// What the grid of directions itself loses: the true light at one place in twelve against that of [`EXACT_RESOLUTION`]² texels, as fine as
     /// the pixels of a map of 1,024 columns, with as many samples each. Zeros of lights that have no such texels.
-    pub fn grid_error(&self, occluders: &Occluders, probes: &Probes) -> Sums {
+    pub(crate) fn grid_error(&self, occluders: &Occluders, probes: &Probes) -> Sums {
         let n = probes.lights.len();
         let mut sums = Sums { difference: vec![0.0; n], truth: vec![0.0; n] };
         let (mut scratch, mut open, mut parts) = (Scratch::default(), vec![0; open_words(EXACT_RESOLUTION)], Vec::new());
@@ -174,7 +169,7 @@ impl Place {
     }
 
     /// The refined triangle that holds the place, and the weights of its corners there.
-    pub fn holder(&self, refined: &Refined) -> Option<(usize, [f64; 3])> {
+    pub(crate) fn holder(&self, refined: &Refined) -> Option<(usize, [f64; 3])> {
         let first = refined.triangles.partition_point(|triangle| triangle.base < self.base);
         let mut best: Option<(usize, [f64; 3])> = None;
         for (index, triangle) in refined.triangles.iter().enumerate().skip(first).take_while(|(_, triangle)| triangle.base == self.base) {

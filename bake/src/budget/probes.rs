@@ -19,10 +19,10 @@ use prelight_runtime::sphere::cubemap::{row_major_from_hilbert, texel_unit_direc
 use std::f64::consts::PI;
 
 /// Texels along a face's side of the truth.
-pub const TRUE_RESOLUTION: usize = 128;
+pub(crate) const TRUE_RESOLUTION: usize = 128;
 
 /// Texels along a face's side of what stands in for the exact environment, where the grid's own error is asked for.
-pub const EXACT_RESOLUTION: usize = 256;
+pub(crate) const EXACT_RESOLUTION: usize = 256;
 
 /// Of the directions of probes that judge.
 const HELD_BACK_SEED: u64 = 20_261_123;

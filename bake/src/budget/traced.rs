@@ -25,7 +25,7 @@ pub(super) struct Traced {
 
 impl Traced {
     /// Its visibility, alone.
-    pub fn visibility(&self) -> Visibility<'_> {
+    pub(crate) fn visibility(&self) -> Visibility<'_> {
         Visibility::from_chunk(&self.chunk).expect("encoded by `Tracing::point`")
     }
 }

@@ -91,7 +91,7 @@ impl Counts {
 }
 
 /// Objects to be counted; welded only where something of them is not known.
-pub struct Counter<'a> {
+pub(crate) struct Counter<'a> {
     scene: &'a Scene,
     world: &'a World,
     counts: &'a Counts,
@@ -100,7 +100,7 @@ pub struct Counter<'a> {
 
 impl<'a> Counter<'a> {
     /// Of all objects of a scene.
-    pub fn new(scene: &'a Scene, world: &'a World, counts: &'a Counts) -> Self {
+    pub(crate) fn new(scene: &'a Scene, world: &'a World, counts: &'a Counts) -> Self {
         Counter { scene, world, counts, welded: (0..scene.objects.len()).map(|_| OnceLock::new()).collect() }
     }
 
@@ -109,7 +109,7 @@ impl<'a> Counter<'a> {
     }
 
     /// [`count_object`] of an object.
-    pub fn count(&self, object: usize, params: &PointParams, enough: u64) -> PointCount {
+    pub(crate) fn count(&self, object: usize, params: &PointParams, enough: u64) -> PointCount {
         self.counts.row(object, name_of(params, enough), || count_object(self.base(object), params, enough))
     }
 
@@ -117,7 +117,7 @@ impl<'a> Counter<'a> {
     ///
     /// # Errors
     /// Knobs that make no sense, or too many triangles.
-    pub fn points(&self, object: usize, params: &PointParams) -> Result<u64, PlanError> {
+    pub(crate) fn points(&self, object: usize, params: &PointParams) -> Result<u64, PlanError> {
         params.check()?;
         let count = self.count(object, params, u64::from(params.max_triangles));
         if count.triangles > u64::from(params.max_triangles) {
@@ -128,18 +128,18 @@ impl<'a> Counter<'a> {
     }
 
     /// `[objects]` points, however many.
-    pub fn each(&self, params: &PointParams) -> Vec<u64> {
+    pub(crate) fn each(&self, params: &PointParams) -> Vec<u64> {
         (0..self.welded.len()).into_par_iter().map(|object| self.count(object, params, u64::MAX).points).collect()
     }
 
     /// Of all objects.
-    pub fn total(&self, params: &PointParams, enough: u64) -> PointCount {
+    pub(crate) fn total(&self, params: &PointParams, enough: u64) -> PointCount {
         let add = |a: PointCount, b: PointCount| PointCount { points: a.points + b.points, triangles: a.triangles + b.triangles };
         (0..self.welded.len()).into_par_iter().map(|object| self.count(object, params, enough)).reduce(PointCount::default, add)
     }
 
     /// Longest edge of all base meshes, metres.
-    pub fn longest_edge(&self) -> f64 {
+    pub(crate) fn longest_edge(&self) -> f64 {
         let longest = |object: usize| {
             // The number's bits in the place of points.
             let name = Hasher::new("prelight longest edge").finish_short();

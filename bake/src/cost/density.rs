@@ -40,7 +40,7 @@ pub fn density(scene: &Scene, world: &World, params: &PointParams, asked: Option
 ///
 /// # Errors
 /// As [`density`].
-pub fn density_of(objects: &Counter, params: &PointParams, asked: Option<u64>, preset: u64) -> Result<Density, PlanError> {
+pub(crate) fn density_of(objects: &Counter, params: &PointParams, asked: Option<u64>, preset: u64) -> Result<Density, PlanError> {
     let budget = asked.unwrap_or_else(|| {
         if params.coarser {
             return preset;

@@ -22,11 +22,11 @@ use std::ops::Range;
 use std::time::Instant;
 
 /// World, attributes, keys and tree of a base triangle, while the tree is built (580 to 603 measured at 1 and 10 million).
-pub const BASE_TRIANGLE_BYTES: u64 = 620;
+pub(crate) const BASE_TRIANGLE_BYTES: u64 = 620;
 /// Plan, refined mesh, visibility and chunks of a point.
-pub const POINT_BYTES: u64 = 700;
+pub(crate) const POINT_BYTES: u64 = 700;
 /// Open bits of a patch, encoder, writer.
-pub const THREAD_BYTES: u64 = 32 << 20;
+pub(crate) const THREAD_BYTES: u64 = 32 << 20;
 /// Half as many points again is what refinement at leaks may add.
 const SPLIT_ALLOWANCE: f64 = 1.5;
 
@@ -136,7 +136,11 @@ pub fn count_points(
 ///
 /// # Errors
 /// As [`count_points`].
-pub fn count_points_of(objects: &Counter, params: &[PointParams], known: Option<(PointParams, &[u64])>) -> Result<Vec<u64>, PlanError> {
+pub(crate) fn count_points_of(
+    objects: &Counter,
+    params: &[PointParams],
+    known: Option<(PointParams, &[u64])>,
+) -> Result<Vec<u64>, PlanError> {
     let count = |object: usize| {
         params[object].check()?;
         match known.filter(|(same, _)| *same == params[object]) {
@@ -148,12 +152,12 @@ pub fn count_points_of(objects: &Counter, params: &[PointParams], known: Option<
 }
 
 /// Points of one object before leaks are split.
-pub fn count_object_points(scene: &Scene, world: &World, params: &[PointParams], object: usize) -> Result<u64, PlanError> {
+pub(crate) fn count_object_points(scene: &Scene, world: &World, params: &[PointParams], object: usize) -> Result<u64, PlanError> {
     Counter::new(scene, world, &Counts::default()).points(object, &params[object])
 }
 
 /// Bytes that stay for the whole bake.
-pub fn base_bytes(world: &World, threads: usize) -> u64 {
+pub(crate) fn base_bytes(world: &World, threads: usize) -> u64 {
     world.positions.len() as u64 * BASE_TRIANGLE_BYTES + threads as u64 * THREAD_BYTES
 }
 
@@ -161,7 +165,7 @@ pub fn base_bytes(world: &World, threads: usize) -> u64 {
 ///
 /// # Errors
 /// [`BakeError::Memory`], naming the smallest limit that would do.
-pub fn batches(world: &World, counts: &[u64], memory: u64, threads: usize) -> Result<Vec<Range<usize>>, BakeError> {
+pub(crate) fn batches(world: &World, counts: &[u64], memory: u64, threads: usize) -> Result<Vec<Range<usize>>, BakeError> {
     let bytes = |points: u64| (points as f64 * SPLIT_ALLOWANCE) as u64 * POINT_BYTES;
     let base = base_bytes(world, threads);
     let largest = bytes(counts.iter().copied().max().unwrap_or(0));

@@ -11,7 +11,7 @@ use std::ops::Range;
 use std::sync::OnceLock;
 
 /// The patches of a round, and what came of those that ran in this process.
-pub struct FactorRound<'a, F: Factor> {
+pub(crate) struct FactorRound<'a, F: Factor> {
     factor: &'a F,
     store: &'a Store,
     progress: &'a dyn Progress,
@@ -20,7 +20,7 @@ pub struct FactorRound<'a, F: Factor> {
 
 impl<'a, F: Factor> FactorRound<'a, F> {
     /// All patches of a factor.
-    pub fn new(factor: &'a F, store: &'a Store, progress: &'a dyn Progress) -> Self {
+    pub(crate) fn new(factor: &'a F, store: &'a Store, progress: &'a dyn Progress) -> Self {
         let done = (0..factor.n_patches()).map(|_| OnceLock::new()).collect();
         FactorRound { factor, store, progress, done }
     }
@@ -31,7 +31,7 @@ impl<'a, F: Factor> FactorRound<'a, F> {
     ///
     /// # Errors
     /// What the engine says, and what looking up says.
-    pub fn bake(self, engine: &dyn Engine) -> Result<(Vec<PatchChunk<F::Kept>>, u64), BakeError> {
+    pub(crate) fn bake(self, engine: &dyn Engine) -> Result<(Vec<PatchChunk<F::Kept>>, u64), BakeError> {
         let mut bytes_stored = engine.ensure(&self, self.store, self.progress)?;
         let FactorRound { factor, store, progress, done } = self;
         let elsewhere = |(patch, done): (usize, OnceLock<PatchChunk<F::Kept>>)| match done.into_inner() {

@@ -12,7 +12,7 @@ pub mod driver;
 pub mod plain;
 pub mod technique;
 
-pub use driver::FactorRound;
+pub(crate) use driver::FactorRound;
 pub use plain::ObjectFactor;
 pub use technique::{SceneFactors, SceneInputs, Tally, Technique};
 
@@ -48,7 +48,7 @@ pub struct Candidates<R> {
 }
 
 /// Where a patch's chunk comes from.
-pub enum Source {
+pub(crate) enum Source {
     /// From the candidate of this index, read.
     Found(usize, Chunk),
     /// It was made: plain bytes.
@@ -56,7 +56,7 @@ pub enum Source {
 }
 
 /// A patch that was found or made.
-pub struct Made<K> {
+pub(crate) struct Made<K> {
     /// Its chunk.
     pub source: Source,
     /// Data of a record that names the chunk under the patch's key; `None` where one does already.
@@ -66,7 +66,7 @@ pub struct Made<K> {
 }
 
 /// How baking a patch ended.
-pub enum Baked<K> {
+pub(crate) enum Baked<K> {
     /// It is there.
     Made(Made<K>),
     /// The chunk of this candidate is of no use: try again without it.
@@ -74,7 +74,7 @@ pub enum Baked<K> {
 }
 
 /// Reads a candidate's chunk: `None` where it is corrupt or does not fit.
-pub type LoadChunk<'a> = dyn Fn(&Descriptor) -> Result<Option<Chunk>, BakeError> + 'a;
+pub(crate) type LoadChunk<'a> = dyn Fn(&Descriptor) -> Result<Option<Chunk>, BakeError> + 'a;
 
 /// A shard's way to records: what the store has, and what the shard adds.
 pub struct Ledger<'a> {
@@ -87,18 +87,18 @@ impl Ledger<'_> {
     ///
     /// # Errors
     /// What the store says.
-    pub fn lookup_all(&self, key: &Digest) -> Result<Vec<Record>, BakeError> {
+    pub(crate) fn lookup_all(&self, key: &Digest) -> Result<Vec<Record>, BakeError> {
         Ok(self.store.lookup_all(key)?)
     }
 
     /// Adds a record to the shard.
-    pub fn record(&mut self, key: Digest, record: Record) {
+    pub(crate) fn record(&mut self, key: Digest, record: Record) {
         self.writer.record(key, record);
     }
 }
 
 /// One factor of the patches of a round, numbered from 0.
-pub trait Factor: Sync {
+pub(crate) trait Factor: Sync {
     /// What is worked out of a patch before anything is looked up.
     type Inputs;
     /// What a record says beside its chunk.

@@ -18,7 +18,7 @@ pub struct Plain {
 }
 
 /// A question about two points of an object, the smaller index first: whether what the factor holds differs too much to be interpolated.
-pub type Differs<'a> = dyn Fn(u32, u32) -> bool + Sync + 'a;
+pub(crate) type Differs<'a> = dyn Fn(u32, u32) -> bool + Sync + 'a;
 
 /// A factor of the patches of one object.
 pub trait ObjectFactor: Sync {
@@ -44,7 +44,7 @@ pub trait ObjectFactor: Sync {
 }
 
 /// Some patches of an object, to be baked in a round.
-pub struct PlainRound<'a> {
+pub(crate) struct PlainRound<'a> {
     /// What is baked.
     pub factor: &'a dyn ObjectFactor,
     /// The patches.

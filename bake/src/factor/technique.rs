@@ -25,12 +25,12 @@ impl Tally {
     }
 
     /// Adds all counts of another.
-    pub fn extend(&mut self, other: &Tally) {
+    pub(crate) fn extend(&mut self, other: &Tally) {
         other.0.iter().for_each(|(name, count)| self.add(name, *count));
     }
 
     /// A count; 0 where nothing was counted under the name.
-    pub fn of(&self, name: &str) -> u64 {
+    pub(crate) fn of(&self, name: &str) -> u64 {
         self.0.get(name).copied().unwrap_or_default()
     }
 }
@@ -72,12 +72,12 @@ pub struct SceneInputs<'a> {
 
 impl<'a> SceneInputs<'a> {
     /// `occluder_options`: of the bake; leaves are made smaller.
-    pub fn new(scene: &'a Scene, world: &'a World, edge_lengths: Vec<f32>, occluder_options: OccluderOptions) -> Self {
+    pub(crate) fn new(scene: &'a Scene, world: &'a World, edge_lengths: Vec<f32>, occluder_options: OccluderOptions) -> Self {
         SceneInputs { scene, world, edge_lengths, occluder_options, occluders: OnceLock::new() }
     }
 
     /// All blocking triangles, for single rays; built when first asked for.
-    pub fn occluders(&self) -> &Occluders {
+    pub(crate) fn occluders(&self) -> &Occluders {
         let options = OccluderOptions { leaf_size: RAY_LEAF, ..self.occluder_options };
         self.occluders.get_or_init(|| Occluders::build(self.world, &self.scene.textures, options))
     }

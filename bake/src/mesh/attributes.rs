@@ -12,7 +12,7 @@ pub(crate) struct Wanted {
 }
 
 impl Wanted {
-    pub fn of(scene: &Scene, object: usize, parts: &[WorldPrimitive]) -> Wanted {
+    pub(crate) fn of(scene: &Scene, object: usize, parts: &[WorldPrimitive]) -> Wanted {
         let primitives = &scene.objects[object].mesh.primitives;
         let local = |p: &WorldPrimitive| &primitives[p.primitive as usize];
         Wanted {
@@ -22,7 +22,7 @@ impl Wanted {
         }
     }
 
-    pub fn push(&self, vertices: &mut Vertices, corner: &Corner) {
+    pub(crate) fn push(&self, vertices: &mut Vertices, corner: &Corner) {
         for set in 0..2 {
             if self.uv[set] {
                 vertices.uv[set].push(corner.uv[set]);
@@ -53,12 +53,12 @@ pub(crate) struct Corners<'a> {
 }
 
 impl<'a> Corners<'a> {
-    pub fn new(scene: &Scene, local: &'a Primitive, part: &'a WorldPrimitive) -> Self {
+    pub(crate) fn new(scene: &Scene, local: &'a Primitive, part: &'a WorldPrimitive) -> Self {
         Corners { local, part, has_tangents: has_tangents(scene, part) }
     }
 
     /// Attributes at vertex `v` of the primitive.
-    pub fn at(&self, v: u32, flipped: bool) -> Corner {
+    pub(crate) fn at(&self, v: u32, flipped: bool) -> Corner {
         let v = v as usize;
         let uv = [0, 1].map(|set| self.local.uvs[set].as_ref().map_or([0.0; 2], |uv| uv[v]));
         let color = self.local.colors.as_ref().map_or([1.0; 4], |colors| colors[v]);

@@ -6,7 +6,7 @@ use std::cell::RefCell;
 
 /// An end of an edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct End {
+pub(crate) struct End {
     /// World position.
     pub position: [f32; 3],
     /// Unit shading normal.
@@ -16,7 +16,7 @@ pub struct End {
 /// Splits an edge that is longer than 4/3 of `edge_length`, or whose end normals differ by more than the angle; never one shorter than the
 /// floor. Symmetric in the ends to the bit.
 #[derive(Clone, Copy, Debug)]
-pub struct EdgeRule {
+pub(crate) struct EdgeRule {
     longest_squared: f64,
     shortest_squared: f64,
     smallest_cosine: f64,
@@ -24,7 +24,7 @@ pub struct EdgeRule {
 
 impl EdgeRule {
     /// From the knobs.
-    pub fn new(params: &PointParams) -> Self {
+    pub(crate) fn new(params: &PointParams) -> Self {
         let (longest, shortest) = (f64::from(params.edge_length) * 4.0 / 3.0, params.shortest_split());
         EdgeRule {
             longest_squared: longest * longest,
@@ -35,7 +35,7 @@ impl EdgeRule {
     }
 
     /// Whether the edge is split.
-    pub fn splits(&self, a: End, b: End) -> bool {
+    pub(crate) fn splits(&self, a: End, b: End) -> bool {
         let squared = (wide(b.position) - wide(a.position)).length_squared();
         squared > self.shortest_squared
             && (squared > self.longest_squared || wide(a.normal).dot(wide(b.normal)) < self.smallest_cosine)
@@ -43,18 +43,18 @@ impl EdgeRule {
     }
 
     /// Whether the edge is long enough to be split at all.
-    pub fn above_floor(&self, a: [f32; 3], b: [f32; 3]) -> bool {
+    pub(crate) fn above_floor(&self, a: [f32; 3], b: [f32; 3]) -> bool {
         (wide(b) - wide(a)).length_squared() > self.shortest_squared && has_midpoint(a, b)
     }
 }
 
 /// Linear midpoint, rounded once. Symmetric.
-pub fn midpoint(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+pub(crate) fn midpoint(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     narrow((wide(a) + wide(b)) * 0.5)
 }
 
 /// Normalised mean of two normals; where they cancel, the one at the smaller position. Symmetric.
-pub fn mean_normal(a: End, b: End) -> [f32; 3] {
+pub(crate) fn mean_normal(a: End, b: End) -> [f32; 3] {
     let mean = narrow((wide(a.normal) + wide(b.normal)).normalize_or_zero());
     if mean != [0.0; 3] {
         return mean;
@@ -95,7 +95,7 @@ impl EdgeTable {
     }
 
     /// The id of the pair.
-    pub fn get(&self, a: u32, b: u32) -> Option<u32> {
+    pub(crate) fn get(&self, a: u32, b: u32) -> Option<u32> {
         if self.slots.is_empty() {
             return None;
         }
@@ -105,7 +105,7 @@ impl EdgeTable {
     }
 
     /// The id of the pair, `next` if it is new; and whether it is.
-    pub fn get_or_insert(&mut self, a: u32, b: u32, next: u32) -> (u32, bool) {
+    pub(crate) fn get_or_insert(&mut self, a: u32, b: u32, next: u32) -> (u32, bool) {
         if self.len * 3 >= self.slots.len() * 2 {
             self.grow();
         }
@@ -131,11 +131,11 @@ impl EdgeTable {
 
 /// Answers about pairs of points: most edges have two triangles, and each asks.
 #[derive(Debug, Default)]
-pub struct Answers(RefCell<EdgeTable>);
+pub(crate) struct Answers(RefCell<EdgeTable>);
 
 impl Answers {
     /// The answer about a pair, by `ask` the first time.
-    pub fn ask(&self, a: u32, b: u32, ask: impl FnOnce() -> bool) -> bool {
+    pub(crate) fn ask(&self, a: u32, b: u32, ask: impl FnOnce() -> bool) -> bool {
         let known = self.0.borrow().get(a, b);
         let first = || {
             let answer = u32::from(ask());

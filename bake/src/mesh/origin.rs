@@ -33,7 +33,7 @@ const CONCAVE: f64 = 1.0 / (1 << 8) as f64;
 
 /// The base triangles around a point, summed up. Normals point to the point's side.
 #[derive(Clone, Copy, Debug)]
-pub struct Surroundings {
+pub(crate) struct Surroundings {
     /// Area-weighted mean normal, unit; zero if the normals cancel.
     pub geometric_normal: DVec3,
     /// Area-weighted centroid.
@@ -70,7 +70,7 @@ pub(crate) struct Facet {
 
 impl Facet {
     /// Of a triangle's corners.
-    pub fn new(corners: &[[f32; 3]; 3]) -> Facet {
+    pub(crate) fn new(corners: &[[f32; 3]; 3]) -> Facet {
         let twice = area_normal(corners);
         let weight = twice.length();
         let largest = corners.iter().flatten().fold(0.0f64, |m, x| m.max(f64::from(x.abs())));
@@ -82,7 +82,7 @@ impl Facet {
 
 impl Surroundings {
     /// Sums over the triangles that hold a point, seen from one side (`sign` is −1 for the back).
-    pub fn new(triangles: impl Iterator<Item = [[f32; 3]; 3]>, sign: f64) -> Surroundings {
+    pub(crate) fn new(triangles: impl Iterator<Item = [[f32; 3]; 3]>, sign: f64) -> Surroundings {
         Surroundings::of(triangles.map(|corners| Facet::new(&corners)), sign)
     }
 
@@ -108,7 +108,7 @@ impl Surroundings {
 
 /// Height of a smooth surface over its triangle.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Lift {
+pub(crate) struct Lift {
     /// Outward part of the lift, along n_g; metres, 0 or more.
     pub height: f64,
     /// Mean signed height over the corners' tangent planes, metres: positive where the surface is concave.
@@ -117,7 +117,13 @@ pub struct Lift {
 
 impl Lift {
     /// At barycentric `weights` of a triangle with corner normals on the point's side.
-    pub fn new(position: DVec3, corners: &[[f32; 3]; 3], normals: &[[f32; 3]; 3], weights: [f64; 3], geometric_normal: DVec3) -> Lift {
+    pub(crate) fn new(
+        position: DVec3,
+        corners: &[[f32; 3]; 3],
+        normals: &[[f32; 3]; 3],
+        weights: [f64; 3],
+        geometric_normal: DVec3,
+    ) -> Lift {
         let mut lift = Lift::default();
         for k in 0..3 {
             let normal = wide(normals[k]);
@@ -132,7 +138,7 @@ impl Lift {
 
 /// A ray origin and what does not block it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurfaceOrigin {
+pub(crate) struct SurfaceOrigin {
     /// Where rays start.
     pub origin: [f32; 3],
     /// Shading normal n_s on this side, unit.
@@ -144,7 +150,7 @@ pub struct SurfaceOrigin {
 }
 
 /// The rule above. `edge_length` is the bake's.
-pub fn ray_origin(position: DVec3, geometric_normal: DVec3, around: &Surroundings, lift: Lift, edge_length: f32) -> [f32; 3] {
+pub(crate) fn ray_origin(position: DVec3, geometric_normal: DVec3, around: &Surroundings, lift: Lift, edge_length: f32) -> [f32; 3] {
     let largest = position.abs().max_element().max(around.largest_coordinate);
     let edge = around.mean_edge.min(f64::from(edge_length));
     let inward = around.centroid - position;
@@ -158,7 +164,7 @@ pub fn ray_origin(position: DVec3, geometric_normal: DVec3, around: &Surrounding
 
 /// Whether a base triangle that holds a point must let the point's rays pass: yes, unless the surface is concave there and the
 /// origin stands before the triangle. `normal` is the triangle's, unit, on the point's side.
-pub fn is_excluded(position: DVec3, origin: [f32; 3], normal: DVec3, corner: DVec3, around: &Surroundings, lift: Lift) -> bool {
+pub(crate) fn is_excluded(position: DVec3, origin: [f32; 3], normal: DVec3, corner: DVec3, around: &Surroundings, lift: Lift) -> bool {
     let inward = around.centroid - position;
     let hollow = normal.dot(inward) > CONCAVE * inward.length() || lift.concavity > CONCAVE * around.mean_edge;
     let before = normal.dot(wide(origin) - corner) > 0.25 * ULPS * around.largest_coordinate;
@@ -168,7 +174,7 @@ pub fn is_excluded(position: DVec3, origin: [f32; 3], normal: DVec3, corner: DVe
 /// The rule for any hit on the base mesh: a world triangle with an area, barycentric weights of its corners, and a side.
 ///
 /// n_s is the interpolated [`corner_normals`], n_g the triangle's.
-pub fn surface_origin(world: &World, triangle: u32, weights: [f32; 3], back: bool, edge_length: f32) -> SurfaceOrigin {
+pub(crate) fn surface_origin(world: &World, triangle: u32, weights: [f32; 3], back: bool, edge_length: f32) -> SurfaceOrigin {
     let corners = world.positions[triangle as usize];
     let sign = if back { -1.0 } else { 1.0 };
     let normals = corner_normals(world, triangle).front.map(|n| narrow(wide(n) * sign));

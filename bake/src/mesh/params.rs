@@ -4,7 +4,7 @@ use crate::error::PlanError;
 use prelight_manifests::quality::Knobs;
 
 /// Levels of splitting below a base edge that barycentric coordinates can name exactly (multiples of 2⁻¹⁵ in a u16).
-pub const DEEPEST_LEVEL: u32 = 15;
+pub(crate) const DEEPEST_LEVEL: u32 = 15;
 
 /// Knobs of refinement. Each is a length, an angle or a limit of its own: none comes from the size of the scene, so an edit
 /// somewhere changes no points elsewhere.
@@ -49,12 +49,12 @@ impl PointParams {
     }
 
     /// Edges up to this are never split, metres: twice the shortest that may be made.
-    pub fn shortest_split(&self) -> f64 {
+    pub(crate) fn shortest_split(&self) -> f64 {
         2.0 * f64::from(self.area_floor) * f64::from(self.edge_length)
     }
 
     /// Refuses what refinement cannot work with.
-    pub fn check(&self) -> Result<(), PlanError> {
+    pub(crate) fn check(&self) -> Result<(), PlanError> {
         let error = |field, value: f64, expected| Err(PlanError::Range { field, value, expected });
         if !(self.edge_length > 0.0 && self.edge_length.is_finite()) {
             return error("edge_length", self.edge_length.into(), "a finite length above 0");

@@ -7,7 +7,7 @@ use crate::mesh::edge::{EdgeTable, End, mean_normal, midpoint};
 use crate::mesh::weld::{BaseMesh, BaseTriangle, FrontPoints, Vertices, narrow, wide};
 
 /// 1 in barycentric coordinates of refined corners.
-pub const ONE: u16 = 1 << 15;
+pub(crate) const ONE: u16 = 1 << 15;
 
 /// A triangle of the refined mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,13 +31,13 @@ pub struct Home {
 
 impl Home {
     /// All three weights, in units of 1/[`ONE`].
-    pub fn weights(&self) -> [u16; 3] {
+    pub(crate) fn weights(&self) -> [u16; 3] {
         weights(self.corner)
     }
 }
 
 /// All three weights from two.
-pub fn weights(corner: [u16; 2]) -> [u16; 3] {
+pub(crate) fn weights(corner: [u16; 2]) -> [u16; 3] {
     [corner[0], corner[1], ONE - corner[0] - corner[1]]
 }
 
@@ -62,7 +62,7 @@ pub struct Refined {
 
 impl Refined {
     /// Point at a vertex.
-    pub fn point(&self, vertex: u32) -> u32 {
+    pub(crate) fn point(&self, vertex: u32) -> u32 {
         self.vertices.point[vertex as usize]
     }
 
@@ -71,7 +71,7 @@ impl Refined {
     }
 
     /// The base mesh, unsplit.
-    pub fn unsplit(base: &BaseMesh) -> Refined {
+    pub(crate) fn unsplit(base: &BaseMesh) -> Refined {
         let corners = [[ONE, 0], [0, ONE], [0, 0]];
         let mut home = vec![Home { base: 0, corner: [0, 0] }; base.points.position.len()];
         for index in (0..base.triangles.len() as u32).rev() {
@@ -121,7 +121,7 @@ pub(crate) struct Midpoints {
 
 impl Midpoints {
     /// The vertex half-way between two corners in a base triangle, made if it is new. `site` and `level` are those of its point.
-    pub fn vertex(&mut self, refined: &mut Refined, base: u32, a: Corner, b: Corner, site: u32, level: u8) -> Corner {
+    pub(crate) fn vertex(&mut self, refined: &mut Refined, base: u32, a: Corner, b: Corner, site: u32, level: u8) -> Corner {
         let weights = halves(a.weights, b.weights).expect("an edge that is split has a midpoint in each of its triangles");
         let next = refined.vertices.point.len() as u32;
         let (vertex, new) = self.vertices.get_or_insert(a.vertex, b.vertex, next);
@@ -135,7 +135,7 @@ impl Midpoints {
     }
 
     /// The point half-way between two, made if it is new.
-    pub fn point(&mut self, refined: &mut Refined, ends: [u32; 2], home: Home, site: u32, level: u8) -> u32 {
+    pub(crate) fn point(&mut self, refined: &mut Refined, ends: [u32; 2], home: Home, site: u32, level: u8) -> u32 {
         let next = refined.level.len() as u32;
         let (point, new) = self.points.get_or_insert(ends[0], ends[1], next);
         if new {

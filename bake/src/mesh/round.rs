@@ -34,7 +34,7 @@ pub(crate) struct Halved {
 
 impl Round<'_> {
     /// Asks all edges: those that `wants` (a symmetric function of two points) names. `None` where it names none.
-    pub fn ask(&self, refined: &Refined, wants: &dyn Fn(u32, u32) -> bool) -> Option<Halved> {
+    pub(crate) fn ask(&self, refined: &Refined, wants: &dyn Fn(u32, u32) -> bool) -> Option<Halved> {
         let mut halved = Halved { sites: EdgeTable::default(), n_sites: refined.n_sites };
         for triangle in &refined.triangles {
             let points = triangle.vertices.map(|v| refined.point(v));
@@ -66,7 +66,7 @@ impl Round<'_> {
     }
 
     /// Splits the triangles along the edges that were named; those without one stay before the new ones.
-    pub fn split(&self, refined: &mut Refined, halved: Halved) -> Result<(), PlanError> {
+    pub(crate) fn split(&self, refined: &mut Refined, halved: Halved) -> Result<(), PlanError> {
         let active = std::mem::take(&mut refined.triangles);
         refined.n_sites = halved.n_sites;
         let mut midpoints = Midpoints::default();

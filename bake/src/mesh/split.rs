@@ -12,7 +12,7 @@ use glam::DVec3;
 /// Splits until no edge asks for it.
 ///
 /// Errors when more triangles would arise than the parameters allow.
-pub fn refine(base: &BaseMesh, params: &PointParams) -> Result<Refined, PlanError> {
+pub(crate) fn refine(base: &BaseMesh, params: &PointParams) -> Result<Refined, PlanError> {
     let mut refined = Refined::unsplit(base);
     let triangles = std::mem::take(&mut refined.triangles);
     let limit = params.max_triangles as usize;

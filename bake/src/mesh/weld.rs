@@ -16,7 +16,6 @@ use crate::mesh::attributes::{Corner, Corners, Wanted};
 use glam::DVec3;
 use prelight_scene::Scene;
 use prelight_scene::world::{World, has_area};
-use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// A position or direction in f64.
@@ -37,7 +36,7 @@ pub(crate) fn narrow(v: DVec3) -> [f32; 3] {
 
 /// A base triangle that carries points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BaseTriangle {
+pub(crate) struct BaseTriangle {
     /// Id in [`World`].
     pub id: u32,
     /// Index into [`BaseMesh::primitives`].
@@ -48,7 +47,7 @@ pub struct BaseTriangle {
 
 /// A (object, primitive) that has triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BasePrimitive {
+pub(crate) struct BasePrimitive {
     /// Index into [`World::primitives`].
     pub world_primitive: u32,
     /// Index into the scene's materials.
@@ -85,9 +84,7 @@ pub struct FrontPoints {
 
 /// The welded base mesh of one object.
 #[derive(Clone, Debug, Default)]
-pub struct BaseMesh {
-    /// Index of the object in the scene.
-    pub object: u32,
+pub(crate) struct BaseMesh {
     /// The object's name, for errors.
     pub name: String,
     /// Primitives with triangles that carry points.
@@ -106,14 +103,16 @@ pub struct BaseMesh {
 
 impl BaseMesh {
     /// Welds every object.
-    pub fn build_all(scene: &Scene, world: &World) -> Vec<BaseMesh> {
+    #[cfg(test)]
+    pub(crate) fn build_all(scene: &Scene, world: &World) -> Vec<BaseMesh> {
+        use rayon::prelude::*;
         (0..scene.objects.len()).into_par_iter().map(|object| BaseMesh::build(scene, world, object)).collect()
     }
 
     /// Welds an object. Objects without any triangle that has an area give an empty mesh.
-    pub fn build(scene: &Scene, world: &World, object: usize) -> BaseMesh {
+    pub(crate) fn build(scene: &Scene, world: &World, object: usize) -> BaseMesh {
         let source = &scene.objects[object];
-        let mut mesh = BaseMesh { object: object as u32, name: source.name.clone(), ..BaseMesh::default() };
+        let mut mesh = BaseMesh { name: source.name.clone(), ..BaseMesh::default() };
         let first = world.primitives.partition_point(|p| (p.object as usize) < object);
         let end = world.primitives.partition_point(|p| p.object as usize <= object);
         let parts = &world.primitives[first..end];
@@ -157,26 +156,26 @@ impl BaseMesh {
 
     /// Points at the corners of a base triangle.
     #[inline]
-    pub fn corner_points(&self, triangle: u32) -> [u32; 3] {
+    pub(crate) fn corner_points(&self, triangle: u32) -> [u32; 3] {
         self.triangles[triangle as usize].vertices.map(|v| self.vertices.point[v as usize])
     }
 
     /// Positions of the corners of a base triangle.
     #[inline]
-    pub fn corner_positions(&self, triangle: u32) -> [[f32; 3]; 3] {
+    pub(crate) fn corner_positions(&self, triangle: u32) -> [[f32; 3]; 3] {
         self.corner_points(triangle).map(|p| self.points.position[p as usize])
     }
 
     /// Front normals of the corners of a base triangle.
     #[inline]
-    pub fn corner_normals(&self, triangle: u32) -> [[f32; 3]; 3] {
+    pub(crate) fn corner_normals(&self, triangle: u32) -> [[f32; 3]; 3] {
         self.corner_points(triangle).map(|p| self.points.normal[p as usize])
     }
 }
 
 /// Front shading normals of a base triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CornerNormals {
+pub(crate) struct CornerNormals {
     /// Unit, one a corner.
     pub front: [[f32; 3]; 3],
     /// The source's normals were negated, because the winding disagrees with them.
@@ -184,7 +183,7 @@ pub struct CornerNormals {
 }
 
 /// Front shading normals at the corners of a base triangle with an area: the one rule that planning, oracle and reference share.
-pub fn corner_normals(world: &World, triangle: u32) -> CornerNormals {
+pub(crate) fn corner_normals(world: &World, triangle: u32) -> CornerNormals {
     let [a, b, c] = world.positions[triangle as usize].map(wide);
     let face = (b - a).cross(c - a).normalize_or_zero();
     let part = &world.primitives[world.primitive[triangle as usize] as usize];

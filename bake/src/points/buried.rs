@@ -20,17 +20,18 @@ use prelight_scene::Scene;
 use prelight_scene::world::World;
 
 /// Rays a point.
-pub const N_DIRECTIONS: usize = 32;
+pub(crate) const N_DIRECTIONS: usize = 32;
 /// Height over the surface, in local edges, below which another surface counts as coincident.
 const COINCIDENT: f64 = 1.0 / 256.0;
 
 /// Closest hit of a ray: distance in lengths of the direction, base triangle, and whether its back was met.
-pub type ClosestHit<'a> = dyn Fn([f32; 3], [f32; 3]) -> Option<(f32, u32, bool)> + Sync + 'a;
+pub(crate) type ClosestHit<'a> = dyn Fn([f32; 3], [f32; 3]) -> Option<(f32, u32, bool)> + Sync + 'a;
 
 /// Points of an object that are buried, ascending: of those for which `sees_nothing` holds.
 ///
 /// `closest` traces against the whole scene, both faces of each triangle.
-pub fn find_buried(
+#[cfg(test)]
+pub(crate) fn find_buried(
     scene: &Scene,
     world: &World,
     plan: &ObjectPlan,
@@ -44,7 +45,7 @@ pub fn find_buried(
 
 /// What became of a point that sees nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Verdict {
+pub(crate) struct Verdict {
     /// It lies inside something.
     pub is_buried: bool,
     /// Metres from the ray origin within which all lies that decided; infinite if a ray met nothing.
@@ -59,10 +60,10 @@ pub struct BuriedProbe<'a> {
 }
 
 /// Whether a ray from an origin along a direction meets something up to a distance.
-pub type Meets<'a> = dyn Fn([f32; 3], [f32; 3], f32) -> bool + 'a;
+pub(crate) type Meets<'a> = dyn Fn([f32; 3], [f32; 3], f32) -> bool + 'a;
 
 /// Where something is that was not, or was and is not.
-pub struct Boxes<'a> {
+pub(crate) struct Boxes<'a> {
     each: &'a [Bounds],
     /// Of all together; `None` where there is none.
     all: Option<Bounds>,
@@ -70,7 +71,7 @@ pub struct Boxes<'a> {
 
 impl<'a> Boxes<'a> {
     /// Of these.
-    pub fn new(each: &'a [Bounds]) -> Boxes<'a> {
+    pub(crate) fn new(each: &'a [Bounds]) -> Boxes<'a> {
         let joined = |mut all: Bounds, bounds: &Bounds| {
             all.join(bounds);
             all
@@ -86,12 +87,12 @@ impl<'a> BuriedProbe<'a> {
     }
 
     /// Whether point `i`, which sees nothing, is buried.
-    pub fn ask(&self, plan: &ObjectPlan, i: u32, edge_length: f32, closest: &ClosestHit) -> Verdict {
+    pub(crate) fn ask(&self, plan: &ObjectPlan, i: u32, edge_length: f32, closest: &ClosestHit) -> Verdict {
         self.ask_from(plan.origin[i as usize], plan.geometric_normal[i as usize], local_edge(plan, i, edge_length), closest)
     }
 
     /// The same of any place that sees nothing, with its geometric normal; `local_edge`: mean edge of its triangle, at most the bake's, metres.
-    pub fn ask_from(&self, origin: [f32; 3], normal: [f32; 3], local_edge: f64, closest: &ClosestHit) -> Verdict {
+    pub(crate) fn ask_from(&self, origin: [f32; 3], normal: [f32; 3], local_edge: f64, closest: &ClosestHit) -> Verdict {
         let limit = COINCIDENT * local_edge;
         let (t, b) = tangents(normal);
         let (t, b, n) = (wide(t), wide(b), wide(normal));
@@ -127,7 +128,7 @@ impl<'a> BuriedProbe<'a> {
     ///
     /// Near is within 2⁻⁸ of the distance, far more than rounding puts a hit beside its triangle. `meets`: whether a ray meets something in the
     /// boxes up to a distance, where that can be asked; without it a ray that comes near a box does.
-    pub fn may_meet(&self, plan: &ObjectPlan, i: u32, boxes: &Boxes, reach: f64, meets: Option<&Meets>) -> bool {
+    pub(crate) fn may_meet(&self, plan: &ObjectPlan, i: u32, boxes: &Boxes, reach: f64, meets: Option<&Meets>) -> bool {
         let Some(all) = &boxes.all else { return false };
         let normal = plan.geometric_normal[i as usize];
         let origin = wide(plan.origin[i as usize]);
@@ -169,7 +170,7 @@ impl<'a> BuriedProbe<'a> {
     }
 
     /// Winding and sidedness of a triangle, as keys have it.
-    pub fn side(&self, triangle: u32) -> u8 {
+    pub(crate) fn side(&self, triangle: u32) -> u8 {
         crate::reach::pieces::side(self.scene, self.world, triangle)
     }
 

@@ -27,7 +27,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 /// Points that stand in for one.
-pub const SOURCES: usize = 4;
+pub(crate) const SOURCES: usize = 4;
 /// Farthest source, in edge lengths.
 const REACH: f64 = 4.0;
 /// Cosine between the normals of a point and of what may stand in for it.

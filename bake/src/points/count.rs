@@ -12,11 +12,10 @@ use crate::mesh::edge::{EdgeRule, End, edge_key, mean_normal, midpoint};
 use crate::mesh::weld::{BaseMesh, wide};
 use crate::points::coarse::count_representatives;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Points (both sides counted) and refined triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PointCount {
+pub(crate) struct PointCount {
     /// Points.
     pub points: u64,
     /// Triangles.
@@ -24,7 +23,7 @@ pub struct PointCount {
 }
 
 /// Counts one object. Stops early, with a figure above it, once more than `enough` triangles are counted.
-pub fn count_object(base: &BaseMesh, params: &PointParams, enough: u64) -> PointCount {
+pub(crate) fn count_object(base: &BaseMesh, params: &PointParams, enough: u64) -> PointCount {
     let mut counter = Counter { rule: EdgeRule::new(params), max_level: params.max_level, enough, faces: 0 };
     let end = |p: u32| (End { position: base.points.position[p as usize], normal: base.points.normal[p as usize] }, 0);
     let sides = |primitive: u32| if base.primitives[primitive as usize].double_sided { 2 } else { 1 };
@@ -103,7 +102,9 @@ impl Cut for Counter {
 /// Never longer than the longest base edge, where the mesh's own density begins (a target below the base points gives that), unless the bake
 /// may be coarser than the mesh. Objects are
 /// counted in parallel; the result does not depend on threads. Meant to be called once, printed, and pinned in the scene's manifest.
-pub fn edge_length_for_points(objects: &[BaseMesh], params: &PointParams, target_points: u64) -> Result<f32, PlanError> {
+#[cfg(test)]
+pub(crate) fn edge_length_for_points(objects: &[BaseMesh], params: &PointParams, target_points: u64) -> Result<f32, PlanError> {
+    use rayon::prelude::*;
     let longest = objects.par_iter().map(longest_edge).reduce(|| 0.0, f64::max);
     let count = |params: &PointParams, enough: u64| {
         let counts = objects.par_iter().map(|base| count_object(base, params, enough));

@@ -21,7 +21,7 @@ pub(crate) const MAX_ROUNDS: usize = 6;
 /// (no edge was split, or the levels are used up).
 ///
 /// Errors when more triangles would arise than the parameters allow.
-pub fn split_differing(
+pub(crate) fn split_differing(
     plan: &ObjectPlan,
     params: &PointParams,
     differs: &dyn Fn(u32, u32) -> bool,

@@ -26,7 +26,7 @@ pub(crate) struct Drafts {
 
 impl Drafts {
     /// Of some refined points; `level` in place of their own, where they come later than their level.
-    pub fn new(base: &BaseMesh, refined: &Refined, points: &[u32], level: Option<u8>, edge_length: f32) -> Drafts {
+    pub(crate) fn new(base: &BaseMesh, refined: &Refined, points: &[u32], level: Option<u8>, edge_length: f32) -> Drafts {
         let (holders, lattice) = (Holders::new(base), Lattice::new(base));
         let mut drafts = Drafts { sides: Vec::with_capacity(points.len()), excluded: Vec::with_capacity(points.len()) };
         // Every point of a dense mesh meets six triangles, on one side or two.
@@ -54,7 +54,7 @@ impl Drafts {
     }
 
     /// Ids of the base triangles that never block a draft, ascending.
-    pub fn excluded(&self, draft: &Draft) -> &[u32] {
+    pub(crate) fn excluded(&self, draft: &Draft) -> &[u32] {
         &self.excluded[draft.first_excluded as usize..][..draft.n_excluded as usize]
     }
 

@@ -43,10 +43,10 @@ pub struct PatchName {
 }
 
 /// Version of the order of patches: records of whole objects depend on it, records of patches do not.
-pub const PATCH_ORDER: u32 = 2;
+pub(crate) const PATCH_ORDER: u32 = 2;
 
 /// Levels from here on are rounds of [`crate::points::differing::split_differing`].
-pub const FIRST_LEAK_LEVEL: u8 = 16;
+pub(crate) const FIRST_LEAK_LEVEL: u8 = 16;
 
 /// A patch of an object's points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,7 +73,7 @@ pub(crate) struct Lattice {
 }
 
 impl Lattice {
-    pub fn new(base: &BaseMesh) -> Lattice {
+    pub(crate) fn new(base: &BaseMesh) -> Lattice {
         let (mut lower, mut upper) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for place in &base.local {
             for i in 0..3 {
@@ -86,7 +86,7 @@ impl Lattice {
     }
 
     /// Morton code of a place: x, y, z in turn from the top bit.
-    pub fn code(&self, place: [f64; 3]) -> u64 {
+    pub(crate) fn code(&self, place: [f64; 3]) -> u64 {
         let cell = |i: usize| ((place[i] - self.lower[i]) * self.cells_per_metre).clamp(0.0, CELLS - 1.0) as u64;
         interleave([cell(0), cell(1), cell(2)])
     }

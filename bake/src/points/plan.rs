@@ -17,10 +17,10 @@ use crate::mesh::origin::area_normal;
 use crate::mesh::split::refine;
 use crate::mesh::weld::{BaseMesh, narrow, wide};
 use crate::mesh::{PointParams, Refined};
+use crate::points::Patch;
 use crate::points::coarse::{Stand, representatives, stand_ins};
 use crate::points::draft::Drafts;
 use crate::points::patch::{FIRST_LEAK_LEVEL, Place, cut_patches, thin_out};
-use crate::points::{Patch, PatchName};
 use crate::trace::TraceOrigin;
 use prelight_runtime::asset::mesh::{BLENDED, Blend, Mesh, NO_POINT};
 use prelight_runtime::asset::points::{BACK_SIDE, BURIED, Points};
@@ -86,17 +86,17 @@ pub fn plan_object(scene: &Scene, world: &World, object: usize, params: &PointPa
 
 impl ObjectPlan {
     /// Number of points.
-    pub fn n_points(&self) -> usize {
+    pub(crate) fn n_points(&self) -> usize {
         self.position.len()
     }
 
     /// Number of refined triangles.
-    pub fn n_triangles(&self) -> usize {
+    pub(crate) fn n_triangles(&self) -> usize {
         self.refined.triangles.len()
     }
 
     /// The points chunk of a patch, borrowed.
-    pub fn points(&self, patch: &Patch) -> Points<'_> {
+    pub(crate) fn points(&self, patch: &Patch) -> Points<'_> {
         let range = patch.range();
         Points {
             position: &self.position[range.clone()],
@@ -108,7 +108,7 @@ impl ObjectPlan {
     }
 
     /// Ids of the base triangles that never block point `i`, ascending.
-    pub fn base_triangles(&self, i: usize) -> &[u32] {
+    pub(crate) fn base_triangles(&self, i: usize) -> &[u32] {
         &self.excluded[self.excluded_start[i] as usize..self.excluded_start[i + 1] as usize]
     }
 
@@ -117,28 +117,18 @@ impl ObjectPlan {
         TraceOrigin { origin: self.origin[i], normal: self.normal[i], base_triangles: self.base_triangles(i) }
     }
 
-    /// Name of the patch that point `i` lies in.
-    pub fn patch_of(&self, i: usize) -> PatchName {
-        self.patches[self.patches.partition_point(|p| p.range().end <= i)].name
-    }
-
     /// Marks points as buried: draw does not interpolate from them.
-    pub fn mark_buried(&mut self, points: &[u32]) {
+    pub(crate) fn mark_buried(&mut self, points: &[u32]) {
         points.iter().for_each(|&i| self.flags[i as usize] |= BURIED);
     }
 
     /// Number of points marked as buried.
-    pub fn n_buried(&self) -> usize {
+    pub(crate) fn n_buried(&self) -> usize {
         self.flags.iter().filter(|&&f| f & BURIED != 0).count()
     }
 
-    /// Base triangle (id in the world) of each refined triangle.
-    pub fn triangle_base(&self) -> impl ExactSizeIterator<Item = u32> + '_ {
-        self.refined.triangles.iter().map(|t| self.base.triangles[t.base as usize].id)
-    }
-
     /// The draw mesh.
-    pub fn mesh(&self) -> ObjectMesh {
+    pub(crate) fn mesh(&self) -> ObjectMesh {
         let vertices = &self.refined.vertices;
         let of = |values: &[[f32; 3]]| vertices.point.iter().map(|&p| values[p as usize]).collect();
         let mut blends = Vec::new();
@@ -301,7 +291,7 @@ pub struct ObjectMesh {
 
 impl ObjectMesh {
     /// Borrowed, to become a chunk.
-    pub fn view(&self) -> Mesh<'_> {
+    pub(crate) fn view(&self) -> Mesh<'_> {
         Mesh {
             position: &self.position,
             normal: &self.normal,

@@ -14,13 +14,13 @@ use prelight_runtime::asset::mesh::NO_POINT;
 
 impl ObjectPlan {
     /// Ends of runs of patches that are worth showing: after each run of one level, and after the first points of base ones.
-    pub fn stops(&self) -> Vec<usize> {
+    pub(crate) fn stops(&self) -> Vec<usize> {
         let run = |i: usize| (self.patches[i].name.level, self.patches[i].name.fine);
         (1..=self.patches.len()).filter(|&i| i == self.patches.len() || run(i) != run(i - 1)).collect()
     }
 
     /// Points of the first `n` patches.
-    pub fn points_of(&self, n: usize) -> usize {
+    pub(crate) fn points_of(&self, n: usize) -> usize {
         n.checked_sub(1).map_or(0, |last| self.patches[last].range().end)
     }
 
@@ -73,7 +73,7 @@ impl ObjectPlan {
 
 /// How many of each plan's first patches make a preview of about so many points: each plan up to the last stop at which its points are
 /// not denser than those of the others, but its first stop in any case.
-pub fn first_stops(plans: &[&ObjectPlan], points: usize) -> Vec<usize> {
+pub(crate) fn first_stops(plans: &[&ObjectPlan], points: usize) -> Vec<usize> {
     let stops: Vec<Vec<usize>> = plans.iter().map(|plan| plan.stops()).collect();
     let area: Vec<f64> = plans.iter().map(|plan| plan.area.iter().map(|area| f64::from(*area)).sum()).collect();
     let choose = |per_area: f64| -> Vec<usize> {

@@ -40,7 +40,7 @@ pub struct ObjectSurfaces {
 
 impl ObjectSurfaces {
     /// The surface chunk of a patch, borrowed.
-    pub fn patch(&self, patch: &Patch) -> PointSurfaces<'_> {
+    pub(crate) fn patch(&self, patch: &Patch) -> PointSurfaces<'_> {
         let range = patch.range();
         PointSurfaces {
             normal: &self.normal[range.clone()],
@@ -52,7 +52,7 @@ impl ObjectSurfaces {
 }
 
 /// Averages the materials of an object over the footprints of its points. Deterministic: sums run in mesh order, in f64.
-pub fn point_surfaces(scene: &Scene, plan: &ObjectPlan) -> ObjectSurfaces {
+pub(crate) fn point_surfaces(scene: &Scene, plan: &ObjectPlan) -> ObjectSurfaces {
     let footprints = Footprints::new(scene, plan);
     let mut surfaces = ObjectSurfaces::default();
     for (i, &source) in plan.source.iter().enumerate() {

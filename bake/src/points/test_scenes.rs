@@ -9,38 +9,38 @@ use prelight_scene::world::{Occlusion, World};
 use prelight_scene::{Mesh, Object, Primitive, Scene};
 use std::sync::Arc;
 
-pub const IDENTITY: [f64; 16] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+pub(crate) const IDENTITY: [f64; 16] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 
 /// A scene with materials 0 (single-sided) and 1 (double-sided).
-pub fn scene() -> Scene {
+pub(crate) fn scene() -> Scene {
     let double = Material { double_sided: true, ..Material::default() };
     Scene { materials: vec![Material::default(), double], ..Scene::default() }
 }
 
 /// Adds an instance of the primitives.
-pub fn add(scene: &mut Scene, name: &str, primitives: Vec<Primitive>, world_from_local: [f64; 16]) {
+pub(crate) fn add(scene: &mut Scene, name: &str, primitives: Vec<Primitive>, world_from_local: [f64; 16]) {
     scene.objects.push(Object { name: name.to_string(), mesh: Arc::new(Mesh { primitives }), world_from_local });
 }
 
-pub fn translation(x: f64, y: f64, z: f64) -> [f64; 16] {
+pub(crate) fn translation(x: f64, y: f64, z: f64) -> [f64; 16] {
     let mut matrix = IDENTITY;
     matrix[12..15].copy_from_slice(&[x, y, z]);
     matrix
 }
 
 /// Flat triangles.
-pub fn primitive(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>, material: u32) -> Primitive {
+pub(crate) fn primitive(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>, material: u32) -> Primitive {
     Primitive { positions, triangles, material, ..Primitive::default() }
 }
 
 /// A rectangle p + u·e1 + v·e2 of two triangles whose front is on the side of e1 × e2; flat.
-pub fn quad(p: [f32; 3], e1: [f32; 3], e2: [f32; 3], material: u32) -> Primitive {
+pub(crate) fn quad(p: [f32; 3], e1: [f32; 3], e2: [f32; 3], material: u32) -> Primitive {
     let at = |u: f32, v: f32| std::array::from_fn(|i| p[i] + u * e1[i] + v * e2[i]);
     primitive(vec![at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)], vec![[0, 1, 2], [0, 2, 3]], material)
 }
 
 /// A box with hard edges as one primitive with shared corners and no normals; `inside` winds it to be seen from within.
-pub fn cuboid(lower: [f32; 3], upper: [f32; 3], inside: bool, material: u32) -> Primitive {
+pub(crate) fn cuboid(lower: [f32; 3], upper: [f32; 3], inside: bool, material: u32) -> Primitive {
     let corner = |i: usize| [0, 1, 2].map(|k| if i >> k & 1 == 0 { lower[k] } else { upper[k] });
     let faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
     let mut triangles = Vec::new();
@@ -53,7 +53,7 @@ pub fn cuboid(lower: [f32; 3], upper: [f32; 3], inside: bool, material: u32) -> 
 }
 
 /// The same with normals averaged at the corners.
-pub fn smooth_cuboid(lower: [f32; 3], upper: [f32; 3], inside: bool, material: u32) -> Primitive {
+pub(crate) fn smooth_cuboid(lower: [f32; 3], upper: [f32; 3], inside: bool, material: u32) -> Primitive {
     let mut cuboid = cuboid(lower, upper, inside, material);
     let sign = if inside { -1.0 } else { 1.0 };
     let normal = |p: &[f32; 3]| [0, 1, 2].map(|k| sign * if p[k] == lower[k] { -1.0 } else { 1.0 });
@@ -62,7 +62,7 @@ pub fn smooth_cuboid(lower: [f32; 3], upper: [f32; 3], inside: bool, material: u
 }
 
 /// A sphere of `around` × `up` segments with smooth normals and no degenerate triangles.
-pub fn sphere(centre: [f32; 3], radius: f32, around: u32, up: u32, inside: bool) -> Primitive {
+pub(crate) fn sphere(centre: [f32; 3], radius: f32, around: u32, up: u32, inside: bool) -> Primitive {
     let (mut positions, mut normals, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
     let mut vertex = |theta: f64, phi: f64| {
         let n = [libm::sin(theta) * libm::cos(phi), libm::cos(theta), libm::sin(theta) * libm::sin(phi)];
@@ -93,7 +93,7 @@ pub fn sphere(centre: [f32; 3], radius: f32, around: u32, up: u32, inside: bool)
 }
 
 /// Parameters for tests: an edge length, and normals that ask for nothing.
-pub fn params(edge_length: f32) -> PointParams {
+pub(crate) fn params(edge_length: f32) -> PointParams {
     PointParams {
         edge_length,
         normal_angle_deg: 180.0,
@@ -107,14 +107,14 @@ pub fn params(edge_length: f32) -> PointParams {
 }
 
 /// World and all plans.
-pub fn plan(scene: &Scene, params: &PointParams) -> (World, Vec<ObjectPlan>) {
+pub(crate) fn plan(scene: &Scene, params: &PointParams) -> (World, Vec<ObjectPlan>) {
     let world = World::build(scene);
     let plans = (0..scene.objects.len()).map(|o| plan_object(scene, &world, o, params).expect("these scenes can be planned")).collect();
     (world, plans)
 }
 
 /// Texel centres of a cubemap with n² texels a face, not normalised.
-pub fn directions(n: u32) -> Vec<DVec3> {
+pub(crate) fn directions(n: u32) -> Vec<DVec3> {
     let at = |i: u32| (f64::from(2 * i + 1) / f64::from(n)) - 1.0;
     let mut directions = Vec::new();
     for i in 0..n {
@@ -130,7 +130,7 @@ pub fn directions(n: u32) -> Vec<DVec3> {
 
 /// Closest occluding triangle along a ray, but for the excluded ones: Möller–Trumbore in f64 over all triangles, edges included.
 /// Gives distance (in lengths of the direction), triangle, and whether its back was hit.
-pub fn closest(world: &World, origin: [f32; 3], direction: DVec3, excluded: &[u32]) -> Option<(f64, u32, bool)> {
+pub(crate) fn closest(world: &World, origin: [f32; 3], direction: DVec3, excluded: &[u32]) -> Option<(f64, u32, bool)> {
     let origin = wide(origin);
     let mut best: Option<(f64, u32, bool)> = None;
     for (id, corners) in (0u32..).zip(&world.positions) {
@@ -161,7 +161,7 @@ pub fn closest(world: &World, origin: [f32; 3], direction: DVec3, excluded: &[u3
 }
 
 /// Share of the directions with n_s·ω > 0 that nothing blocks, cosine-weighted; 0..1.
-pub fn open_share(world: &World, plan: &ObjectPlan, point: usize, directions: &[DVec3]) -> f64 {
+pub(crate) fn open_share(world: &World, plan: &ObjectPlan, point: usize, directions: &[DVec3]) -> f64 {
     let from = plan.trace_origin(point);
     let (mut open, mut all) = (0.0, 0.0);
     for &direction in directions {

@@ -23,7 +23,7 @@ use std::sync::{Arc, OnceLock};
 
 /// What was done to a scene since a bake.
 #[derive(Debug, Default)]
-pub struct Edit {
+pub(crate) struct Edit {
     /// Pieces that only one of the two has.
     pub changes: Changes,
     /// Objects that pieces which are gone belonged to, with the bounds of those pieces; `None` where one is not known.
@@ -41,7 +41,7 @@ struct Gone {
 
 /// The same, ready to be traced.
 #[derive(Debug)]
-pub struct EditOccluders {
+pub(crate) struct EditOccluders {
     /// What is new: ids are those of the scene.
     pub new: Occluders,
     /// What is gone: ids mean nothing. `None` where it cannot be had.
@@ -50,7 +50,7 @@ pub struct EditOccluders {
 
 impl Edit {
     /// From one snapshot to another.
-    pub fn new(then: &Snapshot, now: &Snapshot) -> Edit {
+    pub(crate) fn new(then: &Snapshot, now: &Snapshot) -> Edit {
         let changes = then.changes(now);
         let mut gone: BTreeMap<(Digest, [u64; 16]), Gone> = BTreeMap::new();
         let mut add = |piece: &SnapshotPiece| {
@@ -65,7 +65,7 @@ impl Edit {
     }
 
     /// Cuts the trees, once.
-    pub fn prepare(&self, scene: &Scene, world: &World, pieces: &Pieces, options: OccluderOptions, store: &Store) {
+    pub(crate) fn prepare(&self, scene: &Scene, world: &World, pieces: &Pieces, options: OccluderOptions, store: &Store) {
         self.traced.get_or_init(|| EditOccluders {
             new: self.new_occluders(scene, world, pieces, options),
             gone: self.gone.as_ref().and_then(|gone| gone_occluders(gone, options, store)),
@@ -73,7 +73,7 @@ impl Edit {
     }
 
     /// What [`Edit::prepare`] cut.
-    pub fn occluders(&self) -> Option<&EditOccluders> {
+    pub(crate) fn occluders(&self) -> Option<&EditOccluders> {
         self.traced.get()
     }
 

@@ -23,7 +23,7 @@ use prelight_manifests::{Digest, version};
 pub(crate) struct Hasher(blake3::Hasher);
 
 impl Hasher {
-    pub fn new(domain: &str) -> Self {
+    pub(crate) fn new(domain: &str) -> Self {
         let mut hasher = Hasher(blake3::Hasher::new());
         hasher.words(&[domain.len() as u32]);
         hasher.bytes(domain.as_bytes());
@@ -31,42 +31,42 @@ impl Hasher {
         hasher
     }
 
-    pub fn bytes(&mut self, bytes: &[u8]) {
+    pub(crate) fn bytes(&mut self, bytes: &[u8]) {
         self.0.update(bytes);
     }
 
-    pub fn words(&mut self, words: &[u32]) {
+    pub(crate) fn words(&mut self, words: &[u32]) {
         words.iter().for_each(|word| {
             self.0.update(&word.to_le_bytes());
         });
     }
 
-    pub fn floats(&mut self, values: &[f32]) {
+    pub(crate) fn floats(&mut self, values: &[f32]) {
         // Zeros of both signs are one value to the tracer.
         values.iter().for_each(|value| {
             self.0.update(&(value + 0.0).to_le_bytes());
         });
     }
 
-    pub fn sum(&mut self, sum: &DigestSum) {
+    pub(crate) fn sum(&mut self, sum: &DigestSum) {
         sum.0.iter().for_each(|lane| {
             self.0.update(&lane.to_le_bytes());
         });
     }
 
-    pub fn finish(self) -> Digest {
+    pub(crate) fn finish(self) -> Digest {
         Digest(*self.0.finalize().as_bytes())
     }
 
     /// The first half of the digest.
-    pub fn finish_short(self) -> [u8; 16] {
+    pub(crate) fn finish_short(self) -> [u8; 16] {
         let digest = self.0.finalize();
         std::array::from_fn(|i| digest.as_bytes()[i])
     }
 }
 
 /// Names a patch's points in the ledger: where rays start, the horizon, and what never blocks.
-pub fn points_key<'a>(
+pub(crate) fn points_key<'a>(
     pieces: &Pieces,
     face_resolution: u32,
     gray_steps: Option<u32>,
@@ -91,7 +91,7 @@ pub fn points_key<'a>(
 }
 
 /// What a layer's result for one tile depends on.
-pub fn tile_key(points: &Digest, tile: u8, before: &[u8; 16], sum: &DigestSum, n_pieces: u32) -> [u8; 16] {
+pub(crate) fn tile_key(points: &Digest, tile: u8, before: &[u8; 16], sum: &DigestSum, n_pieces: u32) -> [u8; 16] {
     // One hash of one block and a half: this runs for every tile of every patch.
     let mut bytes = [0; 88];
     bytes[..32].copy_from_slice(&points.0);
@@ -106,7 +106,7 @@ pub fn tile_key(points: &Digest, tile: u8, before: &[u8; 16], sum: &DigestSum, n
 }
 
 /// A point that sees nothing.
-pub struct BlindPoint {
+pub(crate) struct BlindPoint {
     /// Index in its patch.
     pub index: u8,
     /// n_g.
@@ -118,7 +118,7 @@ pub struct BlindPoint {
 }
 
 /// Names the question which of a patch's blind points lie inside a solid.
-pub fn buried_question(points: &Digest, edge_length: f32, blind: impl Iterator<Item = BlindPoint>) -> Digest {
+pub(crate) fn buried_question(points: &Digest, edge_length: f32, blind: impl Iterator<Item = BlindPoint>) -> Digest {
     let mut hasher = Hasher::new("prelight buried");
     hasher.bytes(&points.0);
     hasher.floats(&[edge_length]);
@@ -132,7 +132,7 @@ pub fn buried_question(points: &Digest, edge_length: f32, blind: impl Iterator<I
 }
 
 /// What the answer depends on: all geometry within `reach` metres of the origins.
-pub fn buried_key(question: &Digest, pieces: &Pieces, origins: &Bounds, reach: f64) -> Digest {
+pub(crate) fn buried_key(question: &Digest, pieces: &Pieces, origins: &Bounds, reach: f64) -> Digest {
     let (sum, count) = pieces.within(origins, reach);
     let mut hasher = Hasher::new("prelight buried within");
     hasher.bytes(&question.0);

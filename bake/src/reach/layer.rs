@@ -20,10 +20,10 @@ use std::collections::HashMap;
 pub const MAX_LAYERS: usize = 4;
 
 /// Least size of the first layers, metres: architecture, furniture, things; the last layer takes what is smaller.
-pub const LIMITS: [f64; MAX_LAYERS - 1] = [4.0, 1.0, 0.25];
+pub(crate) const LIMITS: [f64; MAX_LAYERS - 1] = [4.0, 1.0, 0.25];
 
 /// The layer of a size in metres.
-pub fn layer_of_size(size: f64) -> u8 {
+pub(crate) fn layer_of_size(size: f64) -> u8 {
     LIMITS.iter().position(|limit| size >= *limit).unwrap_or(MAX_LAYERS - 1) as u8
 }
 

@@ -23,7 +23,7 @@ use prelight_scene::world::{Occlusion, World};
 use rayon::prelude::*;
 
 /// Triangles of a piece at most.
-pub const PIECE_TRIANGLES: usize = 256;
+pub(crate) const PIECE_TRIANGLES: usize = 256;
 
 /// Cells of the lattice a metre.
 const LATTICE: f64 = 128.0;
@@ -35,7 +35,7 @@ pub struct DigestSum(pub [u64; 4]);
 impl DigestSum {
     /// Adds another.
     #[inline]
-    pub fn add(&mut self, other: &DigestSum) {
+    pub(crate) fn add(&mut self, other: &DigestSum) {
         for (lane, term) in self.0.iter_mut().zip(other.0) {
             *lane = lane.wrapping_add(term);
         }
@@ -105,24 +105,24 @@ impl Pieces {
     }
 
     /// Every piece with its layer.
-    pub fn by_layer(&self) -> impl Iterator<Item = (u8, &Piece)> {
+    pub(crate) fn by_layer(&self) -> impl Iterator<Item = (u8, &Piece)> {
         let leaves = |nodes: &'_ Vec<PieceNode>| nodes.iter().map(|node| node.piece).filter(|piece| *piece != NO_PIECE).collect::<Vec<_>>();
         let layers = self.nodes.iter().zip(0..).flat_map(move |(nodes, layer)| leaves(nodes).into_iter().map(move |piece| (layer, piece)));
         layers.map(|(layer, piece)| (layer, &self.pieces[piece as usize]))
     }
 
     /// Number of layers.
-    pub fn n_layers(&self) -> usize {
+    pub(crate) fn n_layers(&self) -> usize {
         self.nodes.len()
     }
 
     /// Digest of a triangle, by its id in the world.
-    pub fn triangle(&self, id: u32) -> &[u8; 16] {
+    pub(crate) fn triangle(&self, id: u32) -> &[u8; 16] {
         &self.triangles[id as usize]
     }
 
     /// Sum over the pieces, sides included, that come within `reach` metres of a box; an infinite reach means all of them.
-    pub fn within(&self, of: &Bounds, reach: f64) -> (DigestSum, u32) {
+    pub(crate) fn within(&self, of: &Bounds, reach: f64) -> (DigestSum, u32) {
         let (mut sum, mut count) = (DigestSum::default(), 0);
         for nodes in &self.nodes {
             let mut at = 0;
@@ -180,7 +180,7 @@ fn is_odd(order: [usize; 3]) -> bool {
 
 /// What the search for buried points reads of a triangle besides its digest: winding against the canonical order, and whether its back
 /// is a surface.
-pub fn side(scene: &Scene, world: &World, id: u32) -> u8 {
+pub(crate) fn side(scene: &Scene, world: &World, id: u32) -> u8 {
     let primitive = &world.primitives[world.primitive[id as usize] as usize];
     let double_sided = scene.materials.get(primitive.material as usize).is_some_and(|material| material.double_sided);
     u8::from(is_odd(canonical_order(&world.positions[id as usize]))) | u8::from(double_sided) << 1

@@ -34,7 +34,7 @@ const VERSION: u8 = 1;
 
 /// What a patch depends on beside its own object.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PatchReach {
+pub(crate) struct PatchReach {
     /// Bounds of the ray origins.
     pub origins: Bounds,
     /// `[layers][faces]` cells that were open, to some point, before the layer.
@@ -45,7 +45,7 @@ pub struct PatchReach {
 
 /// A piece that only one of two bakes has and that a patch can tell from nothing.
 #[derive(Clone, Copy, Debug)]
-pub struct Touch {
+pub(crate) struct Touch {
     /// Where it is.
     pub bounds: Bounds,
     /// The layer that it is traced in.
@@ -66,7 +66,7 @@ impl PatchReach {
     }
 
     /// Whether a piece may have told which points are buried.
-    pub fn asks_about(&self, piece: &SnapshotPiece) -> bool {
+    pub(crate) fn asks_about(&self, piece: &SnapshotPiece) -> bool {
         self.buried >= 0.0 && piece.bounds.distance(&self.origins) <= self.buried
     }
 
@@ -75,12 +75,12 @@ impl PatchReach {
     }
 
     /// Whether the patch may not be as it was.
-    pub fn is_touched(&self, changes: &Changes, raster: Raster) -> bool {
+    pub(crate) fn is_touched(&self, changes: &Changes, raster: Raster) -> bool {
         changes.gone.iter().chain(&changes.new).any(|piece| self.is_touched_by(piece, raster))
     }
 
     /// The pieces that the patch's rays may tell.
-    pub fn touches(&self, changes: &Changes, raster: Raster) -> Vec<Touch> {
+    pub(crate) fn touches(&self, changes: &Changes, raster: Raster) -> Vec<Touch> {
         let gone = changes.gone.iter().map(|piece| (piece, false));
         let all = gone.chain(changes.new.iter().map(|piece| (piece, true)));
         let touch = |(piece, is_new): (&SnapshotPiece, bool)| {
@@ -92,7 +92,7 @@ impl PatchReach {
     }
 
     /// Tiles that the changes may have made another.
-    pub fn stale(&self, changes: &Changes, raster: Raster) -> TileSet {
+    pub(crate) fn stale(&self, changes: &Changes, raster: Raster) -> TileSet {
         let mut cells = [0; 6];
         for piece in changes.gone.iter().chain(&changes.new) {
             self.reached(piece, raster).iter().zip(&mut cells).for_each(|(reached, cells)| *cells |= reached);
@@ -101,7 +101,7 @@ impl PatchReach {
     }
 
     /// Of the tiles that pieces may have made another, those that they reach from one of the boxes around parts of the origins.
-    pub fn stale_from<'a>(&self, touches: &[Touch], origins: impl Iterator<Item = &'a [[f32; 3]]>, raster: Raster) -> TileSet {
+    pub(crate) fn stale_from<'a>(&self, touches: &[Touch], origins: impl Iterator<Item = &'a [[f32; 3]]>, raster: Raster) -> TileSet {
         let mut cells = [0; 6];
         for part in origins {
             let mut bounds = Bounds::EMPTY;
@@ -117,12 +117,12 @@ impl PatchReach {
     }
 
     /// Tiles above the horizon of some point.
-    pub fn live(&self) -> TileSet {
+    pub(crate) fn live(&self) -> TileSet {
         self.open.first().map_or(0, tiles_of_faces)
     }
 
     /// The same patch after the changes; `buried` as it is then.
-    pub fn after(&self, changes: &Changes, buried: f64, raster: Raster) -> PatchReach {
+    pub(crate) fn after(&self, changes: &Changes, buried: f64, raster: Raster) -> PatchReach {
         let mut open = self.open.clone();
         for piece in &changes.gone {
             let reached = self.reached(piece, raster);
@@ -140,7 +140,7 @@ fn tiles_of_faces(cells: &[u64; 6]) -> TileSet {
 
 /// A patch as it was found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LightPatch {
+pub(crate) struct LightPatch {
     /// Number of points.
     pub n_points: u32,
     /// The visibility chunk.
@@ -153,7 +153,7 @@ pub struct LightPatch {
 
 /// A patch as an earlier bake found it.
 #[derive(Clone, Copy)]
-pub struct KnownPatch<'a> {
+pub(crate) struct KnownPatch<'a> {
     /// What it saw.
     pub light: &'a LightPatch,
     /// The same, read.
@@ -164,7 +164,7 @@ pub struct KnownPatch<'a> {
 
 /// An object's patches in order, and which of its points differ.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct LightRecord {
+pub(crate) struct LightRecord {
     /// In the plan's order.
     pub patches: Vec<LightPatch>,
     /// Pairs of points, the smaller index first, ascending: edges between them were asked for leaks and have one.
@@ -173,7 +173,7 @@ pub struct LightRecord {
 
 impl LightRecord {
     /// What the object's chunks depend on beside the object: visibility and buried points.
-    pub fn state(&self) -> Digest {
+    pub(crate) fn state(&self) -> Digest {
         let mut hasher = crate::reach::key::Hasher::new("prelight light");
         for patch in &self.patches {
             hasher.bytes(&patch.visibility.digest.0);
@@ -184,7 +184,7 @@ impl LightRecord {
     }
 
     /// As a record of the ledger; `None` where it would be too long for one.
-    pub fn encode(&self, snapshot: &Digest) -> Option<Record> {
+    pub(crate) fn encode(&self, snapshot: &Digest) -> Option<Record> {
         let layers = self.patches.first().map_or(0, |patch| patch.reach.open.len());
         let mut data = vec![VERSION, layers as u8];
         data.extend_from_slice(&snapshot.0);
@@ -204,7 +204,7 @@ impl LightRecord {
     }
 
     /// From a record of the ledger, with the key of its snapshot. `None` where it is none.
-    pub fn decode(record: Record) -> Option<(Digest, LightRecord)> {
+    pub(crate) fn decode(record: Record) -> Option<(Digest, LightRecord)> {
         let Record { chunks, data } = record;
         let (&[version, layers], rest) = data.split_first_chunk::<2>()?;
         let (snapshot, rest) = rest.split_first_chunk::<32>()?;

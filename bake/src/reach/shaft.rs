@@ -17,11 +17,11 @@ use prelight_manifests::quality::Shades;
 use prelight_runtime::sphere::cubemap::face_axes;
 
 /// Points of a box of origins: consecutive ones of a patch, which lie close together.
-pub const BOX_POINTS: usize = 16;
+pub(crate) const BOX_POINTS: usize = 16;
 /// Boxes of a patch at most.
-pub const MAX_BOXES: usize = 16;
+pub(crate) const MAX_BOXES: usize = 16;
 /// Cells along a face's side.
-pub const CELLS: usize = 8;
+pub(crate) const CELLS: usize = 8;
 
 /// An axis-aligned box, not empty.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,15 +34,15 @@ pub struct Bounds {
 
 impl Bounds {
     /// Holds nothing; grows by [`Bounds::add`].
-    pub const EMPTY: Bounds = Bounds { lower: [f32::INFINITY; 3], upper: [f32::NEG_INFINITY; 3] };
+    pub(crate) const EMPTY: Bounds = Bounds { lower: [f32::INFINITY; 3], upper: [f32::NEG_INFINITY; 3] };
 
     /// A place.
-    pub fn at(place: [f32; 3]) -> Bounds {
+    pub(crate) fn at(place: [f32; 3]) -> Bounds {
         Bounds { lower: place, upper: place }
     }
 
     /// Grows to hold a place.
-    pub fn add(&mut self, place: [f32; 3]) {
+    pub(crate) fn add(&mut self, place: [f32; 3]) {
         for axis in 0..3 {
             self.lower[axis] = self.lower[axis].min(place[axis]);
             self.upper[axis] = self.upper[axis].max(place[axis]);
@@ -50,25 +50,25 @@ impl Bounds {
     }
 
     /// Grows to hold a box.
-    pub fn join(&mut self, other: &Bounds) {
+    pub(crate) fn join(&mut self, other: &Bounds) {
         self.add(other.lower);
         self.add(other.upper);
     }
 
     /// Twenty-four bytes: least coordinates, then largest.
-    pub fn to_le_bytes(&self) -> [u8; 24] {
+    pub(crate) fn to_le_bytes(&self) -> [u8; 24] {
         let values = [self.lower, self.upper];
         std::array::from_fn(|i| values.as_flattened()[i / 4].to_le_bytes()[i % 4])
     }
 
     /// From those.
-    pub fn from_le_bytes(bytes: &[u8; 24]) -> Bounds {
+    pub(crate) fn from_le_bytes(bytes: &[u8; 24]) -> Bounds {
         let value = |i: usize| f32::from_le_bytes(std::array::from_fn(|k| bytes[4 * i + k]));
         Bounds { lower: std::array::from_fn(value), upper: std::array::from_fn(|i| value(3 + i)) }
     }
 
     /// Euclidean distance between two boxes, metres; 0 when they touch.
-    pub fn distance(&self, other: &Bounds) -> f64 {
+    pub(crate) fn distance(&self, other: &Bounds) -> f64 {
         let gap = |axis: usize| {
             let below = f64::from(other.lower[axis]) - f64::from(self.upper[axis]);
             let above = f64::from(self.lower[axis]) - f64::from(other.upper[axis]);
@@ -90,7 +90,7 @@ pub struct OriginBoxes {
 
 impl OriginBoxes {
     /// Of the ray origins of a patch, in order, as traced.
-    pub fn new(origins: impl Iterator<Item = [f32; 3]>) -> OriginBoxes {
+    pub(crate) fn new(origins: impl Iterator<Item = [f32; 3]>) -> OriginBoxes {
         let (mut boxes, mut patch) = (Vec::with_capacity(MAX_BOXES), Bounds::EMPTY);
         for (i, origin) in origins.enumerate() {
             if i % BOX_POINTS == 0 {
@@ -105,7 +105,7 @@ impl OriginBoxes {
 
 /// What is covered: texel centres, or samples of texels.
 #[derive(Clone, Copy, Debug)]
-pub struct Raster {
+pub(crate) struct Raster {
     /// Texels along a face's side.
     pub face_resolution: usize,
     /// Texels may be covered in part.
@@ -114,7 +114,7 @@ pub struct Raster {
 
 impl Raster {
     /// Of an object whose texels have these shades.
-    pub fn new(face_resolution: u32, shades: Shades) -> Self {
+    pub(crate) fn new(face_resolution: u32, shades: Shades) -> Self {
         Raster { face_resolution: face_resolution as usize, in_part: shades != Shades::Binary }
     }
 
@@ -126,7 +126,7 @@ impl Raster {
 
 /// Cells of a face in which something of `occluders` may cover a texel for some origin in `origins`.
 #[inline]
-pub fn reached_cells(face: usize, occluders: &Bounds, origins: &Bounds, raster: Raster) -> u64 {
+pub(crate) fn reached_cells(face: usize, occluders: &Bounds, origins: &Bounds, raster: Raster) -> u64 {
     let cell = (raster.face_resolution / CELLS).trailing_zeros();
     reached_texels(face, occluders, origins, raster)
         .map_or(0, |[x, y]| cell_rectangle([x[0] >> cell, x[1] >> cell], [y[0] >> cell, y[1] >> cell]))
@@ -134,7 +134,7 @@ pub fn reached_cells(face: usize, occluders: &Bounds, origins: &Bounds, raster: 
 
 /// First and last column and row of a face in which something of `occluders` may cover a texel for some origin in `origins`.
 #[inline]
-pub fn reached_texels(face: usize, occluders: &Bounds, origins: &Bounds, raster: Raster) -> Option<[[u32; 2]; 2]> {
+pub(crate) fn reached_texels(face: usize, occluders: &Bounds, origins: &Bounds, raster: Raster) -> Option<[[u32; 2]; 2]> {
     let (face_resolution, pad) = (raster.face_resolution, raster.pad());
     let (main, u, v, sign) = face_axes(face);
     let low = |axis: usize| occluders.lower[axis] - origins.upper[axis];
@@ -177,7 +177,7 @@ fn cell_rectangle(x: [u32; 2], y: [u32; 2]) -> u64 {
 /// Cells of a face with a texel above the horizon of one of the normals.
 ///
 /// Exact: n_s·ω is monotone in f32 along rows and columns (`trace::horizon`), so a cell's largest value is at one of its corners.
-pub fn horizon_cells(face: usize, normals: &[[f32; 3]], face_resolution: usize) -> u64 {
+pub(crate) fn horizon_cells(face: usize, normals: &[[f32; 3]], face_resolution: usize) -> u64 {
     let (mut cells, mut before) = (0, None);
     for normal in normals {
         // Flat walls: sixteen times the same.

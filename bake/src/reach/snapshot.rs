@@ -16,7 +16,7 @@ use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 
 /// All pieces of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Snapshot {
+pub(crate) struct Snapshot {
     sources: Vec<Source>,
     /// Ascending by layer and name.
     pieces: Vec<SnapshotPiece>,
@@ -24,7 +24,7 @@ pub struct Snapshot {
 
 /// A piece that only one of two scenes has, or one that is in a snapshot.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SnapshotPiece {
+pub(crate) struct SnapshotPiece {
     /// The layer that it is traced in.
     pub layer: u8,
     /// Where it is.
@@ -36,7 +36,7 @@ pub struct SnapshotPiece {
 
 /// Where the triangles of an object are found again.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Source {
+pub(crate) struct Source {
     /// The object's base chunk.
     pub base: Descriptor,
     /// Where the object stood, column-major.
@@ -50,7 +50,7 @@ const NO_SOURCE: u32 = u32::MAX;
 
 impl Snapshot {
     /// Of a scene. `sources`: one per object, where it is known.
-    pub fn new(pieces: &Pieces, sources: Vec<Option<Source>>) -> Snapshot {
+    pub(crate) fn new(pieces: &Pieces, sources: Vec<Option<Source>>) -> Snapshot {
         let mut numbers = vec![NO_SOURCE; sources.len()];
         let mut kept = Vec::with_capacity(sources.len());
         for (source, number) in sources.into_iter().zip(&mut numbers) {
@@ -72,7 +72,7 @@ impl Snapshot {
     }
 
     /// As a record's data.
-    pub fn encode(&self) -> Vec<u8> {
+    pub(crate) fn encode(&self) -> Vec<u8> {
         let mut data = Vec::with_capacity(5 + SOURCE_BYTES * self.sources.len() + PIECE_BYTES * self.pieces.len());
         data.push(VERSION);
         data.extend_from_slice(&(self.sources.len() as u32).to_le_bytes());
@@ -92,7 +92,7 @@ impl Snapshot {
     }
 
     /// From a record's data. `None` where it is none.
-    pub fn decode(data: &[u8]) -> Option<Snapshot> {
+    pub(crate) fn decode(data: &[u8]) -> Option<Snapshot> {
         let (version, rest) = data.split_first()?;
         let (n_sources, rest) = rest.split_first_chunk::<4>()?;
         let (sources, rest) = rest.split_at_checked(SOURCE_BYTES.checked_mul(u32::from_le_bytes(*n_sources) as usize)?)?;
@@ -112,19 +112,19 @@ impl Snapshot {
     }
 
     /// Where its record is found, by its data.
-    pub fn key_of(data: &[u8]) -> Digest {
+    pub(crate) fn key_of(data: &[u8]) -> Digest {
         let mut hasher = Hasher::new("prelight snapshot");
         hasher.bytes(data);
         hasher.finish()
     }
 
     /// Where the triangles of a piece of this snapshot are found again.
-    pub fn source(&self, piece: &SnapshotPiece) -> Option<&Source> {
+    pub(crate) fn source(&self, piece: &SnapshotPiece) -> Option<&Source> {
         self.sources.get(piece.source as usize)
     }
 
     /// Pieces that only one of two scenes has, as often as the other lacks them: what is gone since this one, and what `now` has instead.
-    pub fn changes(&self, now: &Snapshot) -> Changes {
+    pub(crate) fn changes(&self, now: &Snapshot) -> Changes {
         let (mut ours, mut theirs) = (self.pieces.iter().peekable(), now.pieces.iter().peekable());
         let mut changes = Changes::default();
         loop {
@@ -149,7 +149,7 @@ impl Snapshot {
 
 /// How what blocks light differs between two bakes.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Changes {
+pub(crate) struct Changes {
     /// What only the earlier one had.
     pub gone: Vec<SnapshotPiece>,
     /// What only the later one has.

@@ -19,18 +19,18 @@ use crate::reach::shaft::{BOX_POINTS, MAX_BOXES, OriginBoxes, Raster, horizon_ce
 /// Tiles of a patch.
 pub const N_TILES: usize = 96;
 /// Tiles along a side of a face.
-pub const FACE_TILES: usize = 4;
+pub(crate) const FACE_TILES: usize = 4;
 
 /// Name of bits that only the horizon closed.
-pub const HORIZON: [u8; 16] = [0; 16];
+pub(crate) const HORIZON: [u8; 16] = [0; 16];
 /// Name of bits that are all closed.
-pub const CLOSED: [u8; 16] = [0xFF; 16];
+pub(crate) const CLOSED: [u8; 16] = [0xFF; 16];
 
 /// A set of tiles: bit t.
-pub type TileSet = u128;
+pub(crate) type TileSet = u128;
 
 /// Tiles of a set, ascending.
-pub fn tiles(set: TileSet) -> impl Iterator<Item = u8> {
+pub(crate) fn tiles(set: TileSet) -> impl Iterator<Item = u8> {
     let mut rest = set;
     std::iter::from_fn(move || {
         (rest != 0).then(|| {
@@ -43,7 +43,7 @@ pub fn tiles(set: TileSet) -> impl Iterator<Item = u8> {
 
 /// Bits of a face's tiles that hold a cell of `cells`: bit 4·y + x.
 #[inline]
-pub fn tiles_of_cells(cells: u64) -> u16 {
+pub(crate) fn tiles_of_cells(cells: u64) -> u16 {
     let any = (cells | cells >> 1 | cells >> 8 | cells >> 9) & 0x0055_0055_0055_0055;
     let pairs = (any | any >> 1) & 0x0033_0033_0033_0033;
     let rows = (pairs | pairs >> 2) & 0x000f_000f_000f_000f;
@@ -65,7 +65,7 @@ fn place_cells(four: u64, tile: u8) -> u64 {
 
 /// Open cells of a patch's boxes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct OpenCells {
+pub(crate) struct OpenCells {
     /// `[boxes][faces]`.
     boxes: Vec<[u64; 6]>,
     /// Of all boxes together.
@@ -74,7 +74,7 @@ pub struct OpenCells {
 
 impl OpenCells {
     /// What is above the horizon, by the normals of the patch's points in order.
-    pub fn above_horizon(normals: &[[f32; 3]], face_resolution: usize) -> OpenCells {
+    pub(crate) fn above_horizon(normals: &[[f32; 3]], face_resolution: usize) -> OpenCells {
         let of_box = |normals: &[[f32; 3]]| std::array::from_fn(|face| horizon_cells(face, normals, face_resolution));
         let mut boxes: Vec<[u64; 6]> = Vec::with_capacity(MAX_BOXES);
         let mut before: &[[f32; 3]] = &[];
@@ -97,23 +97,23 @@ impl OpenCells {
     }
 
     /// `[faces]` cells that are open to some point.
-    pub fn faces(&self) -> &[u64; 6] {
+    pub(crate) fn faces(&self) -> &[u64; 6] {
         &self.patch
     }
 
     /// Tiles with an open cell.
-    pub fn live(&self) -> TileSet {
+    pub(crate) fn live(&self) -> TileSet {
         (0..6).fold(0, |set, face| set | TileSet::from(tiles_of_cells(self.patch[face])) << (16 * face))
     }
 
     /// Cells of a tile, bit 4·box + cell.
-    pub fn tile(&self, tile: u8) -> u64 {
+    pub(crate) fn tile(&self, tile: u8) -> u64 {
         let face = usize::from(tile / 16);
         self.boxes.iter().enumerate().fold(0, |all, (i, cells)| all | cells_of_tile(cells[face], tile) << (4 * i))
     }
 
     /// Replaces the cells of a tile; [`OpenCells::settle`] must follow.
-    pub fn set_tile(&mut self, tile: u8, cells: u64) {
+    pub(crate) fn set_tile(&mut self, tile: u8, cells: u64) {
         let face = usize::from(tile / 16);
         for (i, open) in self.boxes.iter_mut().enumerate() {
             open[face] = open[face] & !place_cells(15, tile) | place_cells(cells >> (4 * i) & 15, tile);
@@ -121,14 +121,14 @@ impl OpenCells {
     }
 
     /// Ends a run of [`OpenCells::set_tile`].
-    pub fn settle(&mut self) {
+    pub(crate) fn settle(&mut self) {
         self.refresh();
     }
 }
 
 /// Which pieces of a layer reach the open cells of each tile.
 #[derive(Clone, Debug)]
-pub struct Reach {
+pub(crate) struct Reach {
     /// Tiles that a piece reaches.
     pub tiles: TileSet,
     sums: [DigestSum; N_TILES],
@@ -137,7 +137,7 @@ pub struct Reach {
 
 impl Reach {
     /// Searches one layer.
-    pub fn new(pieces: &Pieces, layer: usize, origins: &OriginBoxes, open: &OpenCells, raster: Raster) -> Reach {
+    pub(crate) fn new(pieces: &Pieces, layer: usize, origins: &OriginBoxes, open: &OpenCells, raster: Raster) -> Reach {
         let mut reach = Reach { tiles: 0, sums: [DigestSum::default(); N_TILES], counts: [0; N_TILES] };
         let nodes = &pieces.nodes[layer];
         let mut at = 0;
@@ -180,7 +180,7 @@ impl Reach {
     }
 
     /// Sum and number of the pieces that reach a tile.
-    pub fn of(&self, tile: u8) -> (&DigestSum, u32) {
+    pub(crate) fn of(&self, tile: u8) -> (&DigestSum, u32) {
         (&self.sums[usize::from(tile)], self.counts[usize::from(tile)])
     }
 }
@@ -209,7 +209,7 @@ const TABLE_VERSION: u8 = 1;
 
 impl TileTable {
     /// From rows in the order in which layers made them.
-    pub fn new(mut rows: Vec<TileRow>, n_boxes: usize) -> TileTable {
+    pub(crate) fn new(mut rows: Vec<TileRow>, n_boxes: usize) -> TileTable {
         rows.sort_by_key(|row| row.tile);
         TileTable { rows, n_boxes: n_boxes as u8 }
     }
@@ -220,14 +220,14 @@ impl TileTable {
     }
 
     /// Rows of one tile, in the order of layers.
-    pub fn tile(&self, tile: u8) -> &[TileRow] {
+    pub(crate) fn tile(&self, tile: u8) -> &[TileRow] {
         let first = self.rows.partition_point(|row| row.tile < tile);
         let end = self.rows.partition_point(|row| row.tile <= tile);
         &self.rows[first..end]
     }
 
     /// Name of a tile's final bits.
-    pub fn final_name(&self, tile: u8) -> [u8; 16] {
+    pub(crate) fn final_name(&self, tile: u8) -> [u8; 16] {
         self.tile(tile).last().map_or(HORIZON, |row| row.name)
     }
 
@@ -248,7 +248,7 @@ impl TileTable {
     }
 
     /// From a record's data. `None` where it is not a table for so many boxes.
-    pub fn decode(data: &[u8], n_boxes: usize) -> Option<TileTable> {
+    pub(crate) fn decode(data: &[u8], n_boxes: usize) -> Option<TileTable> {
         let (head, mut rest) = data.split_first_chunk::<4>()?;
         if head[0] != TABLE_VERSION || usize::from(head[1]) != n_boxes {
             return None;

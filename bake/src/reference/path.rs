@@ -68,7 +68,7 @@ fn multiply(a: [f64; 3], b: [f32; 3], factor: f64) -> [f64; 3] {
 
 impl Tracer<'_> {
     /// Radiance along a camera ray. Pair 0 of the sequence belongs to the caller.
-    pub fn camera(&self, eye: [f32; 3], direction: [f32; 3], sequence: Sequence) -> Seen {
+    pub(crate) fn camera(&self, eye: [f32; 3], direction: [f32; 3], sequence: Sequence) -> Seen {
         let mut walk = Walk { sequence, next_group: 1, rays: 0 };
         let (mut radiance, mut share, mut distance) = ([0.0; 3], 1.0f32, f32::INFINITY);
         let mut passed = Vec::new();

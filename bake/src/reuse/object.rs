@@ -36,7 +36,7 @@ const VERSION: u8 = 2;
 
 /// Counts that a report gives of an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ObjectCounts {
+pub(crate) struct ObjectCounts {
     /// Refined triangles.
     pub triangles: u32,
     /// Points inside other solids.
@@ -49,7 +49,7 @@ pub struct ObjectCounts {
 
 /// Chunks of an object beside its visibility.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ObjectChunks {
+pub(crate) struct ObjectChunks {
     /// What the report says.
     pub counts: ObjectCounts,
     /// The mesh as it was read.
@@ -62,13 +62,13 @@ pub struct ObjectChunks {
 
 impl ObjectChunks {
     /// Of a finished object.
-    pub fn new(object: &AssetObject, counts: ObjectCounts) -> ObjectChunks {
+    pub(crate) fn new(object: &AssetObject, counts: ObjectCounts) -> ObjectChunks {
         let patches = object.patches.iter().map(|patch| [patch.points.clone(), patch.surface.clone()]).collect();
         ObjectChunks { counts, base: object.base.clone(), mesh: object.mesh.clone(), patches }
     }
 
     /// As a record of the ledger.
-    pub fn encode(&self) -> Record {
+    pub(crate) fn encode(&self) -> Record {
         let ObjectCounts { triangles, buried, split, live } = self.counts;
         let mut data = vec![VERSION];
         [triangles, buried, split, live].iter().for_each(|count| data.extend_from_slice(&count.to_le_bytes()));
@@ -77,7 +77,7 @@ impl ObjectChunks {
     }
 
     /// From a record of the ledger; `None` where it is not one of an object of so many patches.
-    pub fn decode(record: Record, n_patches: usize) -> Option<ObjectChunks> {
+    pub(crate) fn decode(record: Record, n_patches: usize) -> Option<ObjectChunks> {
         let (&version, counts) = record.data.split_first()?;
         let counts: &[u8; 16] = counts.try_into().ok()?;
         let count = |k: usize| u32::from_le_bytes(std::array::from_fn(|i| counts[4 * k + i]));
@@ -91,7 +91,7 @@ impl ObjectChunks {
     }
 
     /// The object's part of the manifest.
-    pub fn object(&self, scene: &Scene, options: &BakeOptions, object: usize, light: &LightRecord) -> AssetObject {
+    pub(crate) fn object(&self, scene: &Scene, options: &BakeOptions, object: usize, light: &LightRecord) -> AssetObject {
         let source = &scene.objects[object];
         let patches: Vec<AssetPatch> = (light.patches.iter().zip(&self.patches))
             .map(|(light, [points, surface])| AssetPatch {
@@ -117,7 +117,7 @@ impl ObjectChunks {
 
 /// Where records of an object are found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ObjectKey {
+pub(crate) struct ObjectKey {
     /// Its light.
     pub light: Digest,
     /// Its mesh as it was read, and where that stands.
@@ -128,7 +128,7 @@ pub struct ObjectKey {
 
 impl ObjectKey {
     /// Where its chunks are found, given the state of its light.
-    pub fn chunks(&self, state: &Digest) -> Digest {
+    pub(crate) fn chunks(&self, state: &Digest) -> Digest {
         let mut hasher = Hasher::new("prelight object chunks");
         hasher.bytes(&self.whole.0);
         hasher.bytes(&state.0);
@@ -137,7 +137,7 @@ impl ObjectKey {
 }
 
 /// An object of which an earlier bake knows the patches.
-pub struct KnownLight {
+pub(crate) struct KnownLight {
     /// As they were found.
     pub light: LightRecord,
     /// `[patches]` whether a patch may not be as it was.
@@ -155,20 +155,20 @@ impl KnownLight {
     ///
     /// # Errors
     /// What the store says. A damaged chunk is set aside: without this record, its patch is traced again.
-    pub fn load(&mut self, store: &Store) -> Result<(), StoreError> {
+    pub(crate) fn load(&mut self, store: &Store) -> Result<(), StoreError> {
         self.visibility = self.light.patches.par_iter().map(|patch| store.chunk(&patch.visibility)).collect::<Result<_, _>>()?;
         Ok(())
     }
 
     /// A patch, by its index.
-    pub fn patch(&self, index: usize) -> Option<KnownPatch<'_>> {
+    pub(crate) fn patch(&self, index: usize) -> Option<KnownPatch<'_>> {
         let (light, chunk) = (self.light.patches.get(index)?, self.visibility.get(index)?);
         Some(KnownPatch { light, chunk, edit: self.touched[index].then_some(&self.edit) })
     }
 }
 
 /// What an earlier bake knows of an object.
-pub enum Known {
+pub(crate) enum Known {
     /// Nothing.
     Nothing,
     /// All of it: the part of the manifest, and what the report says.
@@ -178,7 +178,7 @@ pub enum Known {
 }
 
 /// `[objects]` keys of those that are `wanted`; `None` for the others.
-pub fn object_keys(
+pub(crate) fn object_keys(
     scene: &Scene,
     world: &World,
     pieces: &Pieces,
@@ -254,12 +254,12 @@ fn whole_key(scene: &Scene, object: usize, light: &Digest, mesh: &Digest, textur
 }
 
 /// Of what blocks light now.
-pub fn snapshot(pieces: &Pieces, keys: &[Option<ObjectKey>]) -> Snapshot {
+pub(crate) fn snapshot(pieces: &Pieces, keys: &[Option<ObjectKey>]) -> Snapshot {
     Snapshot::new(pieces, keys.iter().map(|key| Some(key.as_ref()?.source.clone())).collect())
 }
 
 /// What the shafts of an object's patches need to know of a bake.
-pub fn raster(options: &BakeOptions, object: u32) -> Raster {
+pub(crate) fn raster(options: &BakeOptions, object: u32) -> Raster {
     Raster::new(options.face_resolution, options.shades_of(object))
 }
 
@@ -267,7 +267,7 @@ pub fn raster(options: &BakeOptions, object: u32) -> Raster {
 ///
 /// # Errors
 /// What the store says.
-pub fn known_objects(
+pub(crate) fn known_objects(
     scene: &Scene,
     options: &BakeOptions,
     keys: &[Option<ObjectKey>],

@@ -38,18 +38,18 @@ pub(crate) fn span(first: u32, last: u32) -> u64 {
 }
 
 impl Window {
-    pub fn closed() -> Self {
+    pub(crate) fn closed() -> Self {
         Window { rows: [0; 64], any: 0, parts: [0; 64], samples: Vec::new() }
     }
 
     /// Recomputes `any` after the rows were set.
-    pub fn refresh(&mut self) {
+    pub(crate) fn refresh(&mut self) {
         self.any = (0..64).fold(0, |any, y| any | u64::from(self.rows[y] != 0) << y);
     }
 
     /// Whether a texel of the rectangle is open.
     #[inline(always)]
-    pub fn is_open(&self, rect: Rect) -> bool {
+    pub(crate) fn is_open(&self, rect: Rect) -> bool {
         let columns = span(rect.x0, rect.x1);
         let mut rows = self.any & span(rect.y0, rect.y1);
         while rows != 0 {
@@ -63,7 +63,7 @@ impl Window {
 
     /// Closes samples of an open texel; whether none is left open.
     #[inline(always)]
-    pub fn cover(&mut self, y: usize, x: usize, covered: u64) -> bool {
+    pub(crate) fn cover(&mut self, y: usize, x: usize, covered: u64) -> bool {
         let at = 64 * y + x;
         let before = if self.parts[y] >> x & 1 == 1 { self.samples[at] } else { u64::MAX };
         let left = before & !covered;
@@ -74,7 +74,7 @@ impl Window {
 
     /// Closes the texels of `covered` in row y.
     #[inline(always)]
-    pub fn close(&mut self, y: usize, covered: u64) {
+    pub(crate) fn close(&mut self, y: usize, covered: u64) {
         let left = self.rows[y] & !covered;
         self.rows[y] = left;
         self.any &= !(u64::from(left == 0) << y);
@@ -106,7 +106,7 @@ pub(crate) struct Excluded {
 }
 
 impl Excluded {
-    pub fn set(&mut self, tree: &Tree, ids: &[u32]) {
+    pub(crate) fn set(&mut self, tree: &Tree, ids: &[u32]) {
         self.slots.clear();
         self.bloom = 0;
         for &id in ids {
@@ -120,7 +120,7 @@ impl Excluded {
 
     /// Bit a lane of the block: excluded.
     #[inline(always)]
-    pub fn lanes(&self, block: usize) -> u32 {
+    pub(crate) fn lanes(&self, block: usize) -> u32 {
         if self.bloom >> (block % 64) & 1 == 0 {
             return 0;
         }
@@ -140,7 +140,7 @@ pub(crate) struct Scene<'a> {
 impl Scene<'_> {
     /// The bits of `covered` where the triangle's alpha blocks.
     #[cold]
-    pub fn cut(&self, view: &View, block: usize, lane: usize, y: usize, covered: u64) -> u64 {
+    pub(crate) fn cut(&self, view: &View, block: usize, lane: usize, y: usize, covered: u64) -> u64 {
         let block = &self.tree.blocks[block];
         let Some(projected) = Projected::new(view, &block.triangle(lane)) else { return 0 };
         let (mut rest, mut blocked) = (covered, 0);

@@ -69,7 +69,7 @@ fn mix<const N: usize>(weights: [f32; 3], values: [[f32; N]; 3]) -> [f32; N] {
 
 impl<'a> Surfaces<'a> {
     /// The material at a hit.
-    pub fn meet(&self, hit: Hit) -> Met<'a> {
+    pub(crate) fn meet(&self, hit: Hit) -> Met<'a> {
         let part = &self.world.primitives[self.world.primitive[hit.triangle as usize] as usize];
         let local = &self.scene.objects[part.object as usize].mesh.primitives[part.primitive as usize];
         let corners = part.triangles[(hit.triangle - part.first_triangle) as usize].map(|v| v as usize);
@@ -81,7 +81,7 @@ impl<'a> Surfaces<'a> {
     }
 
     /// Everything that shading needs.
-    pub fn shade(&self, met: &Met) -> Shading<'a> {
+    pub(crate) fn shade(&self, met: &Met) -> Shading<'a> {
         let hit = met.hit;
         let part = &self.world.primitives[self.world.primitive[hit.triangle as usize] as usize];
         let edge_length = self.edge_lengths.get(part.object as usize).copied().unwrap_or(EDGE_LENGTH);
@@ -138,12 +138,12 @@ impl<'a> Surfaces<'a> {
 
 impl Met<'_> {
     /// Share of what is behind that this surface hides.
-    pub fn alpha(&self) -> f32 {
+    pub(crate) fn alpha(&self) -> f32 {
         if self.mode == AlphaMode::Blend { self.surface.alpha } else { 1.0 }
     }
 
     /// Whether a cut-out is here at all.
-    pub fn is_there(&self) -> bool {
+    pub(crate) fn is_there(&self) -> bool {
         match self.mode {
             AlphaMode::Mask { cutoff } => self.surface.alpha >= cutoff,
             _ => true,
@@ -153,7 +153,7 @@ impl Met<'_> {
 
 impl Shading<'_> {
     /// f·n·l toward viewer `v` of light from `l`; 0 below either horizon.
-    pub fn eval(&self, v: [f32; 3], l: [f32; 3]) -> [f32; 3] {
+    pub(crate) fn eval(&self, v: [f32; 3], l: [f32; 3]) -> [f32; 3] {
         if dot(self.normal, l) <= 0.0 {
             return [0.0; 3];
         }
@@ -165,7 +165,7 @@ impl Shading<'_> {
     }
 
     /// A direction to continue with.
-    pub fn sample(&self, v: [f32; 3], u: [f32; 3]) -> [f32; 3] {
+    pub(crate) fn sample(&self, v: [f32; 3], u: [f32; 3]) -> [f32; 3] {
         match self.reflection {
             Reflection::Surface(surface) => surface.sample(&self.place, v, u),
             Reflection::Clay | Reflection::Unlit => {
@@ -178,7 +178,7 @@ impl Shading<'_> {
     }
 
     /// Density of [`Self::sample`], sr⁻¹.
-    pub fn pdf(&self, v: [f32; 3], l: [f32; 3]) -> f32 {
+    pub(crate) fn pdf(&self, v: [f32; 3], l: [f32; 3]) -> f32 {
         match self.reflection {
             Reflection::Surface(surface) => surface.pdf(&self.place, v, l),
             Reflection::Clay | Reflection::Unlit => dot(self.place.normal, l).max(0.0) / PI,
@@ -186,7 +186,7 @@ impl Shading<'_> {
     }
 
     /// Ids that do not block rays from here.
-    pub fn excluded(&self) -> &[u32] {
+    pub(crate) fn excluded(&self) -> &[u32] {
         if self.exclude { std::slice::from_ref(&self.triangle) } else { &[] }
     }
 }

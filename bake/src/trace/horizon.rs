@@ -7,7 +7,8 @@ use prelight_runtime::sphere::cubemap::{face_axes, texel_centre};
 use std::ops::Range;
 
 /// Whether texel (x, y) of a face is above the horizon of `normal`: the definition.
-pub fn is_above_horizon(normal: [f32; 3], face_resolution: usize, face: usize, x: usize, y: usize) -> bool {
+#[cfg(test)]
+pub(crate) fn is_above_horizon(normal: [f32; 3], face_resolution: usize, face: usize, x: usize, y: usize) -> bool {
     let (main, u, v, sign) = face_axes(face);
     let base = sign * normal[main] + normal[v] * texel_centre(face_resolution, y);
     base + normal[u] * texel_centre(face_resolution, x) > 0.0
@@ -24,12 +25,12 @@ pub fn above_horizon(normal: [f32; 3], face_resolution: usize, open: &mut [u64])
 }
 
 /// The same for one face: `[n, n / 64]` words.
-pub fn above_horizon_of_face(normal: [f32; 3], face_resolution: usize, face: usize, open: &mut [u64]) {
+pub(crate) fn above_horizon_of_face(normal: [f32; 3], face_resolution: usize, face: usize, open: &mut [u64]) {
     above_horizon_of_rows(normal, face_resolution, face, 0..face_resolution, open);
 }
 
 /// The same for some rows of a face; the words of others stay.
-pub fn above_horizon_of_rows(normal: [f32; 3], face_resolution: usize, face: usize, rows: Range<usize>, open: &mut [u64]) {
+pub(crate) fn above_horizon_of_rows(normal: [f32; 3], face_resolution: usize, face: usize, rows: Range<usize>, open: &mut [u64]) {
     let (n, words) = (face_resolution, face_resolution / 64);
     let (main, u, v, sign) = face_axes(face);
     let slope = normal[u];

@@ -32,7 +32,7 @@ struct MaskRow {
 }
 
 impl MaskTable {
-    pub fn new(world: &World, textures: &[Texture<'static>]) -> Self {
+    pub(crate) fn new(world: &World, textures: &[Texture<'static>]) -> Self {
         let mut table = MaskTable::default();
         for (id, occlusion) in world.occlusion.iter().enumerate() {
             let &Occlusion::Mask { mask, corner } = occlusion else { continue };
@@ -60,17 +60,17 @@ impl MaskTable {
     }
 
     /// No triangle is cut out.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 
     /// Whether the triangle is a cut-out.
-    pub fn is_masked(&self, id: u32) -> bool {
+    pub(crate) fn is_masked(&self, id: u32) -> bool {
         !self.row_of.is_empty() && self.row_of[id as usize] != SOLID
     }
 
     /// Whether the triangle blocks where its edge functions (canonical order) are `edges`.
-    pub fn blocks(&self, id: u32, edges: [f32; 3]) -> bool {
+    pub(crate) fn blocks(&self, id: u32, edges: [f32; 3]) -> bool {
         if !self.is_masked(id) {
             return true;
         }

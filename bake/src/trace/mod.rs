@@ -27,6 +27,8 @@ pub mod predicate;
 mod ray;
 pub mod samples;
 #[cfg(test)]
+mod samples_oracle;
+#[cfg(test)]
 mod samples_tests;
 #[cfg(test)]
 pub(crate) mod scenes;

@@ -3,7 +3,7 @@
 use super::coverage::{self, Excluded, Scalar, Waiting, Window};
 use super::horizon;
 use super::mask::MaskTable;
-use super::predicate::{View, canonical_order, is_traceable};
+use super::predicate::{View, canonical_order};
 use super::ray::{self, Hit, ORDERS, RayScene};
 use super::samples::Sampled;
 #[cfg(target_arch = "x86_64")]
@@ -12,7 +12,7 @@ use super::tree::{EMPTY, Tree};
 use super::{SimdPath, TraceOrigin};
 use obvhs::BvhBuildParams;
 use prelight_runtime::surface::Texture;
-use prelight_scene::world::{Occlusion, World};
+use prelight_scene::world::World;
 use rayon::prelude::*;
 
 /// How much work goes into the tree. Changes time, never an answer.
@@ -35,7 +35,8 @@ pub enum TreeQuality {
 
 impl TreeQuality {
     /// All of them, fastest first.
-    pub const ALL: [TreeQuality; 6] =
+    #[cfg(test)]
+    pub(crate) const ALL: [TreeQuality; 6] =
         [TreeQuality::Fastest, TreeQuality::VeryFast, TreeQuality::Fast, TreeQuality::Medium, TreeQuality::Slow, TreeQuality::VerySlow];
 
     fn params(self) -> BvhBuildParams {
@@ -76,7 +77,6 @@ pub struct Occluders {
     /// `[triangles]` index into `ray::ORDERS`.
     orders: Vec<u8>,
     simd: SimdPath,
-    n_untraceable: usize,
 }
 
 /// Working memory of one thread; reused, nothing is allocated per point once it has grown.
@@ -103,7 +103,7 @@ impl Occluders {
     }
 
     /// Builds from the blocking triangles whose id `keep` accepts.
-    pub fn build_where(world: &World, textures: &[Texture<'static>], options: OccluderOptions, keep: impl Fn(u32) -> bool) -> Self {
+    pub(crate) fn build_where(world: &World, textures: &[Texture<'static>], options: OccluderOptions, keep: impl Fn(u32) -> bool) -> Self {
         let tree = Tree::build(world, options.quality.params(), options.leaf_size, keep);
         Self::of_trees(world, textures, options, vec![tree])
     }
@@ -112,7 +112,7 @@ impl Occluders {
     ///
     /// # Panics
     /// If an id is out of range.
-    pub fn build_of(world: &World, textures: &[Texture<'static>], options: OccluderOptions, mut ids: Vec<u32>) -> Self {
+    pub(crate) fn build_of(world: &World, textures: &[Texture<'static>], options: OccluderOptions, mut ids: Vec<u32>) -> Self {
         ids.sort_unstable();
         ids.dedup();
         let tree = Tree::build_of(world, options.quality.params(), options.leaf_size, ids);
@@ -137,24 +137,17 @@ impl Occluders {
             let order = canonical_order(corners);
             ORDERS.iter().position(|o| *o == order).unwrap_or(0) as u8
         };
-        let untraceable = |(corners, occlusion): (&[[f32; 3]; 3], &Occlusion)| *occlusion != Occlusion::None && !is_traceable(corners);
         Occluders {
             trees,
             masks: MaskTable::new(world, textures),
             orders: world.positions.iter().map(order_of).collect(),
             simd: options.simd.available(),
-            n_untraceable: world.positions.iter().zip(&world.occlusion).filter(|&pair| untraceable(pair)).count(),
         }
     }
 
     /// Trees that coverage asks one after the other.
-    pub fn n_layers(&self) -> usize {
+    pub(crate) fn n_layers(&self) -> usize {
         self.trees.len()
-    }
-
-    /// Blocking triangles that are left out because a coordinate exceeds [`super::predicate::LARGEST_COORDINATE`].
-    pub fn n_untraceable(&self) -> usize {
-        self.n_untraceable
     }
 
     /// Which texels see past everything: n_s·ω > 0 and no occluder.
@@ -174,7 +167,7 @@ impl Occluders {
     ///
     /// # Panics
     /// As `open_texels`.
-    pub fn open_samples(
+    pub(crate) fn open_samples(
         &self,
         from: &TraceOrigin,
         face_resolution: usize,
@@ -192,7 +185,7 @@ impl Occluders {
     /// Clears the bits of `open` that an occluder covers; bits that are already 0 cost nothing. `from.normal` is not read.
     ///
     /// A texel's new bit depends only on its old one, so work can be cut by texels or by layers of occluders in any way.
-    pub fn close_covered(&self, from: &TraceOrigin, face_resolution: usize, scratch: &mut Scratch, open: &mut [u64]) {
+    pub(crate) fn close_covered(&self, from: &TraceOrigin, face_resolution: usize, scratch: &mut Scratch, open: &mut [u64]) {
         (0..self.trees.len()).for_each(|layer| self.close_covered_by(layer, 0..6, from, face_resolution, scratch, open));
     }
 
@@ -201,7 +194,7 @@ impl Occluders {
     ///
     /// # Panics
     /// If there are fewer layers than `first`, and as `close_covered`.
-    pub fn close_covered_from(
+    pub(crate) fn close_covered_from(
         &self,
         first: usize,
         faces: impl Iterator<Item = usize>,
@@ -229,7 +222,7 @@ impl Occluders {
     ///
     /// # Panics
     /// If there is no such layer, and as `close_covered`.
-    pub fn close_covered_by(
+    pub(crate) fn close_covered_by(
         &self,
         layer: usize,
         faces: impl Iterator<Item = usize>,
@@ -328,7 +321,7 @@ impl Occluders {
     }
 
     /// Whether anything blocks the ray for 0 <= t <= `t_max` (t in units of the direction's length). `excluded`: ids that never block.
-    pub fn occluded(&self, origin: [f32; 3], direction: [f32; 3], t_max: f32, excluded: &[u32]) -> bool {
+    pub(crate) fn occluded(&self, origin: [f32; 3], direction: [f32; 3], t_max: f32, excluded: &[u32]) -> bool {
         self.ray_scenes(excluded).any(|scene| {
             #[cfg(target_arch = "x86_64")]
             if self.simd >= SimdPath::Avx2
@@ -341,7 +334,7 @@ impl Occluders {
     }
 
     /// The nearest surface along the ray, t >= 0. Both faces count; MASK is cut. `excluded`: ids that are passed through.
-    pub fn closest_hit(&self, origin: [f32; 3], direction: [f32; 3], excluded: &[u32]) -> Option<Hit> {
+    pub(crate) fn closest_hit(&self, origin: [f32; 3], direction: [f32; 3], excluded: &[u32]) -> Option<Hit> {
         let in_tree = |scene: RayScene, t_max: f32| {
             #[cfg(target_arch = "x86_64")]
             if self.simd >= SimdPath::Avx2

@@ -23,18 +23,9 @@ use prelight_scene::world::World;
 /// Pairs of numbers that a bounce takes.
 const GROUPS: u32 = 2;
 
-/// What scattered the light at the first surface that a path met.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PathClass {
-    /// Its diffuse part.
-    Diffuse = 0,
-    /// Its lobe.
-    Glossy = 1,
-}
-
 /// A path that reached the environment.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PathEnd {
+pub(crate) struct PathEnd {
     /// The primary direction that it began with.
     pub primary: u32,
     /// Unit direction in which it left the scene.
@@ -45,7 +36,7 @@ pub struct PathEnd {
 
 /// Paths of a point.
 #[derive(Clone, Debug, Default)]
-pub struct PathSet {
+pub(crate) struct PathSet {
     /// Primary directions, unit, uniform over the hemisphere of n_s.
     pub primary: Vec<[f32; 3]>,
     /// `[primary]` met no surface.
@@ -59,7 +50,7 @@ pub struct PathSet {
 }
 
 /// What paths read.
-pub struct PathTracer<'a> {
+pub(crate) struct PathTracer<'a> {
     surfaces: Surfaces<'a>,
     occluders: &'a Occluders,
     bounces: u32,
@@ -68,13 +59,20 @@ pub struct PathTracer<'a> {
 
 impl<'a> PathTracer<'a> {
     /// `edge_lengths`: of the bake, per object; `bounces`: surfaces between the point and the environment, at least 1.
-    pub fn new(scene: &'a Scene, world: &'a World, occluders: &'a Occluders, edge_lengths: &'a [f32], bounces: u32, seed: u64) -> Self {
+    pub(crate) fn new(
+        scene: &'a Scene,
+        world: &'a World,
+        occluders: &'a Occluders,
+        edge_lengths: &'a [f32],
+        bounces: u32,
+        seed: u64,
+    ) -> Self {
         let surfaces = Surfaces { scene, world, clay: false, tables: &scene.tables, edge_lengths };
         PathTracer { surfaces, occluders, bounces: bounces.max(1), seed }
     }
 
     /// Adds primaries until there are `samples`. Powers of two stratify best; a longer set begins with the shorter one.
-    pub fn extend(&self, from: &TraceOrigin, samples: u32, set: &mut PathSet) {
+    pub(crate) fn extend(&self, from: &TraceOrigin, samples: u32, set: &mut PathSet) {
         // −0 and 0 are one place.
         let place = from.origin.iter().fold(0u64, |h, c| (h ^ u64::from((c + 0.0).to_bits())).wrapping_mul(0x9e37_79b9_7f4a_7c15));
         let (t, b) = tangents(from.normal);

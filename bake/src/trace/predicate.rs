@@ -46,7 +46,7 @@ pub(crate) const PAD: f32 = 1.0 / 128.0;
 pub(crate) const SAMPLE_PAD: f32 = 0.5;
 
 /// Triangles with a coordinate beyond this (2⁴⁰ m) do not occlude; products of three differences stay finite below it.
-pub const LARGEST_COORDINATE: f32 = 1.0995116e12;
+pub(crate) const LARGEST_COORDINATE: f32 = 1.0995116e12;
 
 /// `maxps`: the second operand unless the first is greater, so scalar and SIMD agree on NaN too.
 #[inline(always)]
@@ -110,7 +110,7 @@ pub(crate) struct Rect {
 }
 
 impl View {
-    pub fn new(origin: [f32; 3], face_resolution: usize, face: usize, first: [usize; 2]) -> Self {
+    pub(crate) fn new(origin: [f32; 3], face_resolution: usize, face: usize, first: [usize; 2]) -> Self {
         let (main, u, v, sign) = face_axes(face);
         let half = (face_resolution / 2) as f32;
         let centre = |i: usize| prelight_runtime::sphere::cubemap::texel_centre(face_resolution, i);
@@ -127,13 +127,13 @@ impl View {
     }
 
     /// The same window with rectangles of touched texels instead of covered centres (`samples.rs`).
-    pub fn for_samples(self) -> Self {
+    pub(crate) fn for_samples(self) -> Self {
         View { pad: SAMPLE_PAD, ..self }
     }
 
     /// A world position relative to the origin, in (depth, column, row) coordinates.
     #[inline(always)]
-    pub fn relative(&self, position: &[f32; 3]) -> [f32; 3] {
+    pub(crate) fn relative(&self, position: &[f32; 3]) -> [f32; 3] {
         [
             self.sign * (position[self.axes[0]] - self.origin[0]),
             position[self.axes[1]] - self.origin[1],
@@ -143,7 +143,7 @@ impl View {
 
     /// Window rectangle of the projected interval [lo, hi] of both axes, in texels from the face's centre; `None` without a texel centre.
     #[inline(always)]
-    pub fn rect(&self, lo: [f32; 2], hi: [f32; 2]) -> Option<Rect> {
+    pub(crate) fn rect(&self, lo: [f32; 2], hi: [f32; 2]) -> Option<Rect> {
         let (low, high) = (self.half - 0.5 - self.pad, self.half - 0.5 + self.pad);
         let from = |i: usize| max_ps((lo[i] + low).ceil(), self.first[i]);
         let to = |i: usize| min_ps((hi[i] + high).floor(), self.first[i] + 63.0);
@@ -157,7 +157,7 @@ impl View {
 
     /// Rectangle of everything in a box with depths up to `depth[1]`; contains the rectangle of every triangle in it.
     #[inline(always)]
-    pub fn box_rect(&self, depth: [f32; 2], u: [f32; 2], v: [f32; 2]) -> Option<Rect> {
+    pub(crate) fn box_rect(&self, depth: [f32; 2], u: [f32; 2], v: [f32; 2]) -> Option<Rect> {
         // Negated as a whole, so that NaN counts as behind.
         let ahead = depth[1] > NEAR;
         if !ahead {
@@ -171,7 +171,7 @@ impl View {
 
     /// The rectangle of the predicate.
     #[inline(always)]
-    pub fn triangle_rect(&self, a: &[[f32; 3]; 3]) -> Option<Rect> {
+    pub(crate) fn triangle_rect(&self, a: &[[f32; 3]; 3]) -> Option<Rect> {
         let least = |k: usize| min_ps(min_ps(a[0][k], a[1][k]), a[2][k]);
         let most = |k: usize| max_ps(max_ps(a[0][k], a[1][k]), a[2][k]);
         let (near, far) = (least(0), most(0));
@@ -214,7 +214,7 @@ pub(crate) struct Projected {
 impl Projected {
     /// `None` if no texel of the window can be covered.
     #[inline(always)]
-    pub fn new(view: &View, corners: &[[f32; 3]; 3]) -> Option<Self> {
+    pub(crate) fn new(view: &View, corners: &[[f32; 3]; 3]) -> Option<Self> {
         let a = corners.map(|corner| view.relative(&corner));
         let rect = view.triangle_rect(&a)?;
         Some(Projected { rect, planes: signed_planes(&a)? })
@@ -222,13 +222,13 @@ impl Projected {
 
     /// Edge functions along a direction (1, du, dv).
     #[inline(always)]
-    pub fn edges(&self, du: f32, dv: f32) -> [f32; 3] {
+    pub(crate) fn edges(&self, du: f32, dv: f32) -> [f32; 3] {
         self.planes.map(|c| (c[0] + dv * c[2]) + du * c[1])
     }
 
     /// Whether the texel's direction lies in the cone; the caller keeps to the rectangle.
     #[inline(always)]
-    pub fn contains(&self, du: f32, dv: f32) -> bool {
+    pub(crate) fn contains(&self, du: f32, dv: f32) -> bool {
         let e = self.edges(du, dv);
         min_ps(min_ps(e[0], e[1]), e[2]) >= 0.0
     }

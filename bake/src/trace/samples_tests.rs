@@ -1,6 +1,6 @@
 //! Sampled texels against brute force, against ever finer binary faces, and on features thinner than a texel.
 
-use super::samples::open_samples_by_brute_force;
+use super::samples_oracle::open_samples_by_brute_force;
 use super::scenes::{Random, bumpy_sphere, closed_box, cut_out, random_triangles, world_of};
 use super::*;
 use prelight_runtime::surface::Texture;

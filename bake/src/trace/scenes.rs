@@ -8,7 +8,7 @@ use std::borrow::Cow;
 pub(crate) struct Random(pub u64);
 
 impl Random {
-    pub fn bits(&mut self) -> u64 {
+    pub(crate) fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e3779b97f4a7c15);
         let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58476d1ce4e5b9);
         let z = (z ^ z >> 27).wrapping_mul(0x94d049bb133111eb);
@@ -16,17 +16,17 @@ impl Random {
     }
 
     /// In 0..1.
-    pub fn unit(&mut self) -> f32 {
+    pub(crate) fn unit(&mut self) -> f32 {
         (self.bits() >> 40) as f32 / 16777216.0
     }
 
     /// In −1..1, each component.
-    pub fn cube(&mut self) -> [f32; 3] {
+    pub(crate) fn cube(&mut self) -> [f32; 3] {
         std::array::from_fn(|_| 2.0 * self.unit() - 1.0)
     }
 
     /// Uniform on the sphere.
-    pub fn direction(&mut self) -> [f32; 3] {
+    pub(crate) fn direction(&mut self) -> [f32; 3] {
         loop {
             let v = self.cube();
             let square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];

@@ -52,7 +52,7 @@ fn sobol_1(index: u32) -> u32 {
 
 impl Sequence {
     /// Sample `index` of a stream. Streams with different (seed, pixel, half) are independent.
-    pub fn new(seed: u64, pixel: u64, half: u64, index: u32) -> Self {
+    pub(crate) fn new(seed: u64, pixel: u64, half: u64, index: u32) -> Self {
         let key = mix(
             mix(seed.wrapping_add(0x9e3779b97f4a7c15)) ^ mix(pixel.wrapping_mul(2).wrapping_add(half).wrapping_add(0x632be59bd9b4e019))
         );
@@ -60,7 +60,7 @@ impl Sequence {
     }
 
     /// Two numbers in 0..1, multiples of 2⁻³².
-    pub fn pair(&self, group: u32) -> [f64; 2] {
+    pub(crate) fn pair(&self, group: u32) -> [f64; 2] {
         let h = mix(self.key ^ mix(u64::from(group) + 1));
         let index = scramble(self.index, h as u32);
         let x = scramble(index.reverse_bits(), (h >> 32) as u32);

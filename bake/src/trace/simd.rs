@@ -17,32 +17,32 @@ use std::arch::x86_64::*;
 pub(crate) struct Avx2(());
 
 impl Avx2 {
-    pub fn detect() -> Option<Self> {
+    pub(crate) fn detect() -> Option<Self> {
         let bits = is_x86_feature_detected!("bmi1") && is_x86_feature_detected!("bmi2");
         let counts = is_x86_feature_detected!("lzcnt") && is_x86_feature_detected!("popcnt");
         (is_x86_feature_detected!("avx2") && bits && counts).then_some(Avx2(()))
     }
 
     /// [`coverage::cover`] compiled for AVX2.
-    pub fn cover(self, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
+    pub(crate) fn cover(self, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
         // SAFETY: `self` proves that the CPU has AVX2.
         unsafe { cover(self, scene, view, window, stack) }
     }
 
     /// [`coverage::cover`] of samples, compiled for AVX2.
-    pub fn cover_samples(self, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
+    pub(crate) fn cover_samples(self, scene: Scene, view: &View, window: &mut Window, stack: &mut Vec<Waiting>) {
         // SAFETY: `self` proves that the CPU has AVX2.
         unsafe { cover_samples(self, scene, view, window, stack) }
     }
 
     /// [`ray::occluded`] compiled for AVX2.
-    pub fn occluded(self, scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> bool {
+    pub(crate) fn occluded(self, scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> bool {
         // SAFETY: `self` proves that the CPU has AVX2.
         unsafe { occluded(scene, origin, direction, t_max) }
     }
 
     /// [`ray::closest_hit`] compiled for AVX2.
-    pub fn closest_hit(self, scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> Option<Hit> {
+    pub(crate) fn closest_hit(self, scene: RayScene, origin: [f32; 3], direction: [f32; 3], t_max: f32) -> Option<Hit> {
         // SAFETY: `self` proves that the CPU has AVX2.
         unsafe { closest_hit(scene, origin, direction, t_max) }
     }

@@ -49,7 +49,7 @@ pub(crate) struct Block {
 
 impl Block {
     /// Corners of one triangle.
-    pub fn triangle(&self, lane: usize) -> [[f32; 3]; 3] {
+    pub(crate) fn triangle(&self, lane: usize) -> [[f32; 3]; 3] {
         self.corners.map(|corner| corner.map(|axis| axis[lane]))
     }
 }
@@ -86,12 +86,12 @@ pub(crate) struct Tree {
 
 impl Tree {
     /// Builds from the occluding triangles whose id `keep` accepts.
-    pub fn build(world: &World, params: BvhBuildParams, leaf_size: usize, keep: impl Fn(u32) -> bool) -> Self {
+    pub(crate) fn build(world: &World, params: BvhBuildParams, leaf_size: usize, keep: impl Fn(u32) -> bool) -> Self {
         Self::build_of(world, params, leaf_size, (0..world.positions.len() as u32).filter(|id| keep(*id)).collect())
     }
 
     /// Builds from those triangles of a list, ascending, that occlude.
-    pub fn build_of(world: &World, mut params: BvhBuildParams, leaf_size: usize, mut ids: Vec<u32>) -> Self {
+    pub(crate) fn build_of(world: &World, mut params: BvhBuildParams, leaf_size: usize, mut ids: Vec<u32>) -> Self {
         let traced = |id: &u32| {
             let corners = &world.positions[*id as usize];
             world.occlusion[*id as usize] != Occlusion::None && is_traceable(corners)

@@ -23,7 +23,7 @@ const ASKED: usize = 192;
 
 /// A computed slice.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Slice {
+pub(crate) struct Slice {
     /// One lobe a class.
     pub lobes: [Lobe; SLICE_LOBES],
     /// The second Schlick term of each lobe in units of the first.
@@ -47,7 +47,7 @@ pub struct ViewOptions {
 
 /// Why refinement stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stop {
+pub(crate) enum Stop {
     /// Interpolation predicts within the budget.
     Predicted,
     /// What is left is noise.
@@ -58,7 +58,7 @@ pub enum Stop {
 
 /// What to keep of a point.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Views {
+pub(crate) struct Views {
     /// Level of the icosahedron.
     pub level: usize,
     /// In the order of [`Icosahedron::stored`]; black where nobody looks from.
@@ -88,7 +88,7 @@ fn corners(solid: &Icosahedron, level: usize, toward: &[[f32; 3]]) -> Vec<u32> {
 }
 
 /// Computes slices until there are enough. `toward`: local views, if those are all that is looked from; else none.
-pub fn refine_views(solid: &Icosahedron, options: &ViewOptions, toward: &[[f32; 3]], mut slice: impl FnMut(u32) -> Slice) -> Views {
+pub(crate) fn refine_views(solid: &Icosahedron, options: &ViewOptions, toward: &[[f32; 3]], mut slice: impl FnMut(u32) -> Slice) -> Views {
     let mut known: Vec<Option<Slice>> = vec![None; solid.corners.len()];
     let mut at = |corner: u32| *known[corner as usize].get_or_insert_with(|| slice(corner));
     let mut level = options.start;

@@ -44,7 +44,7 @@ pub struct MeshOptions {
 
 /// One end of an edge.
 #[derive(Clone, Copy, Debug)]
-pub struct End<'a> {
+pub(crate) struct End<'a> {
     /// Its lobes.
     pub transfer: PointTransfer<'a>,
     /// The normal that its slices lie about.
@@ -55,7 +55,7 @@ pub struct End<'a> {
 
 /// An end with those that it was made half way between, if it was.
 #[derive(Clone, Copy, Debug)]
-pub struct Made<'a> {
+pub(crate) struct Made<'a> {
     /// The point.
     pub end: End<'a>,
     /// The ends of the edge that it halved.
@@ -63,7 +63,7 @@ pub struct Made<'a> {
 }
 
 /// Whether an edge between two points is to be split.
-pub fn is_coarse(solid: &Icosahedron, a: &Made, b: &Made, options: &MeshOptions) -> bool {
+pub(crate) fn is_coarse(solid: &Icosahedron, a: &Made, b: &Made, options: &MeshOptions) -> bool {
     let noise = f64::from(a.end.noise.max(b.end.noise));
     let is_known = |made: &Made| {
         let Some(parents) = &made.parents else { return false };
@@ -93,7 +93,7 @@ fn views(solid: &Icosahedron, ends: &[&End]) -> Vec<[f32; 3]> {
 }
 
 /// How wrong the middle of an edge was drawn before it was baked; relative, as the differences.
-pub fn surprise(solid: &Icosahedron, [a, b]: &[End; 2], middle: &End, floor: f64) -> f64 {
+pub(crate) fn surprise(solid: &Icosahedron, [a, b]: &[End; 2], middle: &End, floor: f64) -> f64 {
     let at_middle = wide(middle, 1.0);
     let mut drawn = wide(a, 0.5);
     drawn.extend(wide(b, 0.5));
@@ -122,7 +122,7 @@ pub fn surprise(solid: &Icosahedron, [a, b]: &[End; 2], middle: &End, floor: f64
 }
 
 /// The relative difference of the module head; 0 where neither end has lobes.
-pub fn difference(solid: &Icosahedron, a: &End, b: &End, floor: f64) -> f64 {
+pub(crate) fn difference(solid: &Icosahedron, a: &End, b: &End, floor: f64) -> f64 {
     let (at_a, at_b) = (wide(a, 1.0), wide(b, 1.0));
     let (mut largest, mut differs) = (norm(&at_a).max(norm(&at_b)), distance(&at_a, &at_b));
     for view in views(solid, &[a, b]) {

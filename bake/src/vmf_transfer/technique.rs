@@ -19,7 +19,7 @@ pub struct VmfTransfer {
 
 impl VmfTransfer {
     /// How an object's indirect light is baked, if it is.
-    pub fn options_of(&self, object: u32) -> Option<&TransferOptions> {
+    pub(crate) fn options_of(&self, object: u32) -> Option<&TransferOptions> {
         self.objects.get(object as usize).and_then(Option::as_ref)
     }
 

@@ -33,11 +33,11 @@ use prelight_runtime::vmf_transfer::transfer::{IRRADIANCE_LOBES, PointRecords, R
 use std::f32::consts::PI;
 
 /// Paths per unit of κ.
-pub const PATHS_PER_KAPPA: f64 = 256.0;
+pub(crate) const PATHS_PER_KAPPA: f64 = 256.0;
 /// Paths of a point at least.
-pub const LEAST_PATHS: u32 = 1024;
+pub(crate) const LEAST_PATHS: u32 = 1024;
 /// Paths of a point at most.
-pub const MOST_PATHS: u32 = 16384;
+pub(crate) const MOST_PATHS: u32 = 16384;
 /// Least height of a view over the horizon: corners below it are taken there.
 const LEAST_HEIGHT: f32 = 0.02;
 /// Share of a point's light below which lobes are not told apart.
@@ -57,7 +57,7 @@ const EFFORT: Effort = Effort { starts: 1, samples: 384 };
 
 /// How much was done for a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PointWork {
+pub(crate) struct PointWork {
     /// Rays cast.
     pub rays: u64,
     /// Slices fitted.
@@ -87,7 +87,7 @@ pub struct TransferOptions {
 }
 
 /// Paths that a receiver with this lobe takes.
-pub fn paths_for(lobe: &BrdfLobe, most: u32) -> u32 {
+pub(crate) fn paths_for(lobe: &BrdfLobe, most: u32) -> u32 {
     let alpha = match *lobe {
         BrdfLobe::None => 1.0,
         BrdfLobe::Ggx { alpha } | BrdfLobe::Ward { alpha } => alpha[0].min(alpha[1]),
@@ -103,7 +103,7 @@ pub fn paths_for(lobe: &BrdfLobe, most: u32) -> u32 {
 }
 
 /// Records of one point.
-pub fn bake_point(
+pub(crate) fn bake_point(
     tracer: &PathTracer,
     solid: &Icosahedron,
     from: &TraceOrigin,
@@ -190,7 +190,7 @@ fn irradiance(paths: &PathSet, normal: [f32; 3], seed: u64) -> Vec<Record> {
 }
 
 /// Everything that the slices of a point share.
-pub struct Slices<'a> {
+pub(crate) struct Slices<'a> {
     paths: &'a PathSet,
     lobe: BrdfLobe<'a>,
     /// Axes of the views.
@@ -248,7 +248,7 @@ fn into_frame(frame: &[[f64; 3]; 3], d: [f32; 3]) -> [f64; 3] {
 
 impl<'a> Slices<'a> {
     /// Of a point with these paths.
-    pub fn new(paths: &'a PathSet, receiver: &PointLobe<'a>) -> Self {
+    pub(crate) fn new(paths: &'a PathSet, receiver: &PointLobe<'a>) -> Self {
         let (t, b) = tangents(receiver.normal);
         let frame = [t, b, receiver.normal];
         let mut lobe_frame = frame.map(|axis| axis.map(f64::from));
@@ -307,7 +307,7 @@ impl<'a> Slices<'a> {
     }
 
     /// The slice toward a local view.
-    pub fn fit(&self, view: [f32; 3]) -> Slice {
+    pub(crate) fn fit(&self, view: [f32; 3]) -> Slice {
         let v = self.lobe_view(view);
         let is_measured = matches!(self.lobe, BrdfLobe::Measured(_));
         let reach = Reach::new(&self.lobe, v);

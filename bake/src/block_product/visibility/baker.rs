@@ -18,7 +18,7 @@ const SHARD_PATCHES: usize = 128;
 
 /// A patch to be traced.
 #[derive(Clone, Copy)]
-pub struct PatchTask<'a> {
+pub(crate) struct PatchTask<'a> {
     /// Its object.
     pub plan: &'a ObjectPlan,
     /// The object's edge length, metres.
@@ -31,7 +31,7 @@ pub struct PatchTask<'a> {
 
 /// What came of a patch beside its chunk.
 #[derive(Clone, Debug)]
-pub struct Traced {
+pub(crate) struct Traced {
     /// Points of the patch that lie inside other solids.
     pub buried: Vec<u8>,
     /// What all this depends on beside the patch's own object.
@@ -56,7 +56,7 @@ pub struct Paranoid {
 }
 
 /// Everything that tracing reads.
-pub struct VisibilityBaker<'a> {
+pub(crate) struct VisibilityBaker<'a> {
     /// What blocks light.
     pub shadowing: Shadowing<'a>,
     /// Finds points inside solids.
@@ -68,7 +68,7 @@ pub struct VisibilityBaker<'a> {
 }
 
 /// Patches of a round.
-pub struct VisibilityRound<'a> {
+pub(crate) struct VisibilityRound<'a> {
     /// What traces them.
     pub baker: &'a VisibilityBaker<'a>,
     /// The patches.

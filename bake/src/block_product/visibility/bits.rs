@@ -34,7 +34,7 @@ pub struct PatchBits {
 
 impl PatchBits {
     /// All closed, for so many points; `steps` of grayscale from closed to open, or binary.
-    pub fn reset(&mut self, face_resolution: u32, steps: Option<u32>, n_points: usize) {
+    pub(crate) fn reset(&mut self, face_resolution: u32, steps: Option<u32>, n_points: usize) {
         self.face_resolution = face_resolution as usize;
         self.words = open_words(self.face_resolution);
         self.open.clear();
@@ -57,7 +57,7 @@ impl PatchBits {
     }
 
     /// The chunk of the patch.
-    pub fn encode(&mut self) -> Vec<u8> {
+    pub(crate) fn encode(&mut self) -> Vec<u8> {
         let (n, words) = (self.face_resolution, self.words);
         let Some(steps) = self.steps else { return encode(n, &self.open) };
         let parts = &self.parts;
@@ -95,7 +95,7 @@ impl PatchBits {
     }
 
     /// Closes tiles.
-    pub fn clear(&mut self, tiles: TileSet) {
+    pub(crate) fn clear(&mut self, tiles: TileSet) {
         self.set_mask(tiles);
         for face in faces(tiles) {
             let words = self.words_of(face);
@@ -113,7 +113,7 @@ impl PatchBits {
     }
 
     /// Sets tiles to what is above the horizon.
-    pub fn set_horizon(&mut self, plan: &ObjectPlan, patch: &Patch, tiles: TileSet) {
+    pub(crate) fn set_horizon(&mut self, plan: &ObjectPlan, patch: &Patch, tiles: TileSet) {
         self.set_mask(tiles);
         for face in faces(tiles) {
             let words = self.words_of(face);
@@ -126,7 +126,7 @@ impl PatchBits {
     }
 
     /// Closes what a layer covers in tiles; returns those in which a bit changed.
-    pub fn trace(&mut self, occluders: &Occluders, layer: usize, plan: &ObjectPlan, patch: &Patch, tiles: TileSet) -> TileSet {
+    pub(crate) fn trace(&mut self, occluders: &Occluders, layer: usize, plan: &ObjectPlan, patch: &Patch, tiles: TileSet) -> TileSet {
         self.set_mask(tiles);
         let (n, side) = (self.face_resolution, self.side());
         // Per face and row of texels, the bits that changed for any point.
@@ -170,7 +170,7 @@ impl PatchBits {
     }
 
     /// Name of a tile's bits, and its cells with an open one (bit 4·box + cell).
-    pub fn summarise(&mut self, tile: u8) -> ([u8; 16], u64) {
+    pub(crate) fn summarise(&mut self, tile: u8) -> ([u8; 16], u64) {
         let (n, side) = (self.face_resolution, self.side());
         let (face, y0, x0) = (usize::from(tile / 16), usize::from(tile / 4 % 4) * side, usize::from(tile % 4) * side);
         self.tile.clear();
@@ -201,7 +201,7 @@ impl PatchBits {
     }
 
     /// Copies tiles out of a chunk of as many points and steps.
-    pub fn copy(&mut self, visibility: &Visibility, tiles: TileSet) {
+    pub(crate) fn copy(&mut self, visibility: &Visibility, tiles: TileSet) {
         self.clear_parts(tiles);
         self.set_mask(tiles);
         for (point, open) in self.open.chunks_exact_mut(self.words).enumerate() {
@@ -215,7 +215,7 @@ impl PatchBits {
     }
 
     /// Whether a tile's bits equal those of a chunk, all points.
-    pub fn equals(&mut self, visibility: &Visibility, tile: u8) -> bool {
+    pub(crate) fn equals(&mut self, visibility: &Visibility, tile: u8) -> bool {
         self.set_mask(1 << tile);
         let (n, steps) = (self.face_resolution, self.steps);
         for (point, open) in self.open.chunks_exact_mut(self.words).enumerate() {

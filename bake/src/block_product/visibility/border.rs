@@ -23,7 +23,7 @@ use std::sync::OnceLock;
 
 /// Running sums of xx, yy, zz, xy, xz, yz times solid angle, sr; entry i is of the texels before Hilbert position i. Shape `[6·n² + 1]`.
 #[derive(Debug)]
-pub struct SecondMoments {
+pub(crate) struct SecondMoments {
     sums: Vec<[f64; 6]>,
 }
 
@@ -32,7 +32,7 @@ impl SecondMoments {
     ///
     /// # Panics
     /// Of any other face resolution.
-    pub fn of(face_resolution: usize) -> &'static Self {
+    pub(crate) fn of(face_resolution: usize) -> &'static Self {
         static TABLES: [OnceLock<SecondMoments>; 2] = [OnceLock::new(), OnceLock::new()];
         let table = [64, 128].iter().position(|known| *known == face_resolution).expect("a face resolution of bakes");
         TABLES[table].get_or_init(|| Self::new(face_resolution))
@@ -65,7 +65,7 @@ impl SecondMoments {
 
 /// An end of an edge.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub(crate) struct Seen<'a> {
     /// World position, metres.
     pub position: [f32; 3],
     /// Shading normal, unit.
@@ -76,27 +76,27 @@ pub struct Seen<'a> {
 
 /// What splits an edge for light that comes straight from the environment: leaks always, borders where a budget asks for it.
 #[derive(Clone, Copy, Debug)]
-pub struct Breaks {
+pub(crate) struct Breaks {
     texels: usize,
     borders: Option<(&'static SecondMoments, f64)>,
 }
 
 impl Breaks {
     /// `most_unrest` as in [`crate::mesh::PointParams`].
-    pub fn new(face_resolution: usize, most_unrest: f32) -> Self {
+    pub(crate) fn new(face_resolution: usize, most_unrest: f32) -> Self {
         let borders = most_unrest.is_finite().then(|| (SecondMoments::of(face_resolution), f64::from(most_unrest)));
         Breaks { texels: 6 * face_resolution * face_resolution, borders }
     }
 
     /// Whether an edge is split. Nothing leaks from a buried end, which nothing is interpolated from; a border runs along where a surface goes into
     /// another all the same.
-    pub fn split(&self, a: Seen, b: Seen, buried: [bool; 2], scratch: &mut [Vec<u32>; 2]) -> bool {
+    pub(crate) fn split(&self, a: Seen, b: Seen, buried: [bool; 2], scratch: &mut [Vec<u32>; 2]) -> bool {
         let difference = |scratch: &mut [Vec<u32>; 2]| Difference::between(a.visibility, b.visibility, self.texels, scratch);
         self.split_by(difference, a, b, buried, scratch)
     }
 
     /// The same by what `difference` says of the ends.
-    pub fn split_by(
+    pub(crate) fn split_by(
         &self,
         difference: impl FnOnce(&mut [Vec<u32>; 2]) -> Difference,
         a: Seen,
@@ -113,7 +113,7 @@ impl Breaks {
 }
 
 /// What the module head calls `unrest`, m²·sr. Symmetric in the ends to the bit.
-pub fn unrest(a: Seen, b: Seen, moments: &SecondMoments, scratch: &mut [Vec<u32>; 2]) -> f64 {
+pub(crate) fn unrest(a: Seen, b: Seen, moments: &SecondMoments, scratch: &mut [Vec<u32>; 2]) -> f64 {
     let length_squared = (wide(b.position) - wide(a.position)).length_squared();
     let normal = (wide(a.normal) + wide(b.normal)).normalize_or_zero().to_array();
     let mut differing = 0.0;

@@ -33,7 +33,7 @@ use std::ops::Range;
 
 /// Working memory of one thread.
 #[derive(Default)]
-pub struct Delta {
+pub(crate) struct Delta {
     /// Points that are not as they were, ascending, and their bits.
     changed_points: Vec<usize>,
     open: Vec<u64>,
@@ -54,7 +54,7 @@ pub struct Delta {
 
 /// What came of tracing again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Retraced {
+pub(crate) struct Retraced {
     /// Tiles of which a texel was traced.
     pub redone: TileSet,
     /// Of those, the ones of which a bit is not as it was.
@@ -63,7 +63,7 @@ pub struct Retraced {
 
 /// A patch as an earlier bake found it, and what may have changed that.
 #[derive(Clone, Copy)]
-pub struct Before<'a> {
+pub(crate) struct Before<'a> {
     /// Its bits.
     pub visibility: &'a Visibility<'a>,
     /// Cells that were open before each layer.
@@ -123,7 +123,7 @@ impl Seen {
 
 impl Delta {
     /// Brings the bits up to date. They can be encoded afterwards.
-    pub fn retrace(&mut self, occluders: &Occluders, plan: &ObjectPlan, patch: &Patch, before: Before) -> Retraced {
+    pub(crate) fn retrace(&mut self, occluders: &Occluders, plan: &ObjectPlan, patch: &Patch, before: Before) -> Retraced {
         let n = before.visibility.face_resolution();
         let (words, row_words) = (open_words(n), n / 64);
         let face_words = words / 6;
@@ -263,7 +263,7 @@ impl Delta {
     }
 
     /// The chunk of the patch that was traced again last.
-    pub fn encode(&self, before: &Visibility) -> Vec<u8> {
+    pub(crate) fn encode(&self, before: &Visibility) -> Vec<u8> {
         let words = open_words(before.face_resolution());
         let of_point = |at: usize| self.open.get(words * at..words * (at + 1));
         encode_changed(before, |local| self.changed_points.binary_search(&local).ok().and_then(of_point))

@@ -7,7 +7,7 @@ use prelight_runtime::block_product::visibility::PointVisibility;
 
 /// Texel counts of a pair of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Difference {
+pub(crate) struct Difference {
     /// Texels open for the first, for the second.
     pub open: [usize; 2],
     /// Texels open for exactly one of them.
@@ -16,7 +16,7 @@ pub struct Difference {
 
 impl Difference {
     /// Compares two points of cubemaps with `texels` = 6·n² texels.
-    pub fn between(a: PointVisibility, b: PointVisibility, texels: usize, scratch: &mut [Vec<u32>; 2]) -> Self {
+    pub(crate) fn between(a: PointVisibility, b: PointVisibility, texels: usize, scratch: &mut [Vec<u32>; 2]) -> Self {
         let mut difference = Difference::default();
         for_each_interval([a, b], texels, scratch, |from, to, open| {
             let length = to - from;
@@ -28,7 +28,7 @@ impl Difference {
 
     /// More than half of what the more open one sees is different, and it sees at least an eighth of a hemisphere: in dark corners any two
     /// points see different slivers, and no picture shows it.
-    pub fn is_leak(&self, texels: usize) -> bool {
+    pub(crate) fn is_leak(&self, texels: usize) -> bool {
         let open = self.open[0].max(self.open[1]);
         16 * open >= texels && 2 * self.differing > open
     }
@@ -37,7 +37,7 @@ impl Difference {
 /// Bits of points along the Hilbert order, kept for those that were asked about lately: an edge's ends have other edges, and comparing bits takes a
 /// tenth of walking through transitions.
 #[derive(Debug)]
-pub struct OpenBits {
+pub(crate) struct OpenBits {
     texels: usize,
     /// `[slots]` which point's bits are there, and how many of them are open. A point has the slot of its index; the last slot is for the second
     /// of two points that have the same.
@@ -54,12 +54,12 @@ impl OpenBits {
     const SLOTS: usize = 2048;
 
     /// Of cubemaps with `texels` = 6·n² texels. Takes memory with the first point only.
-    pub fn new(texels: usize) -> Self {
+    pub(crate) fn new(texels: usize) -> Self {
         OpenBits { texels, slots: Vec::new(), bits: Vec::new() }
     }
 
     /// Compares two points, by their indices, as [`Difference::between`]; a point sees the same whenever it is asked about.
-    pub fn difference(&mut self, a: (u32, PointVisibility), b: (u32, PointVisibility)) -> Difference {
+    pub(crate) fn difference(&mut self, a: (u32, PointVisibility), b: (u32, PointVisibility)) -> Difference {
         if self.slots.is_empty() {
             self.slots = vec![(NOBODY, 0); Self::SLOTS + 1];
             self.bits = vec![0; (Self::SLOTS + 1) * self.texels / 64];
@@ -99,7 +99,7 @@ impl OpenBits {
 }
 
 /// Whether two points of as many texels see the same, shades of gray too.
-pub fn is_same(a: &PointVisibility, b: &PointVisibility) -> bool {
+pub(crate) fn is_same(a: &PointVisibility, b: &PointVisibility) -> bool {
     let runs = |point: &PointVisibility| point.transitions();
     if a.blocks != b.blocks || a.counts != b.counts || a.positions[..runs(a)] != b.positions[..runs(b)] {
         return false;
@@ -112,7 +112,7 @@ pub fn is_same(a: &PointVisibility, b: &PointVisibility) -> bool {
 }
 
 /// Calls `visit` with every interval `[from, to)` of Hilbert positions in which both points' bits are constant, and with the bits.
-pub fn for_each_interval(
+pub(crate) fn for_each_interval(
     points: [PointVisibility; 2],
     texels: usize,
     scratch: &mut [Vec<u32>; 2],

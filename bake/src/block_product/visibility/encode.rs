@@ -12,7 +12,7 @@ use prelight_runtime::block_product::visibility::{PointVisibility, STREAM_PADDIN
 use prelight_runtime::sphere::cubemap::{BLOCK_SIDE, BLOCK_TEXELS, hilbert_from_xy, row_major_from_hilbert};
 
 /// A texel that is open in part: its number (face·n² + y·n + x), and how far, in steps.
-pub type Part = (u32, u8);
+pub(crate) type Part = (u32, u8);
 
 /// The chunk of one patch: `open` holds the points' open bits one after the other, [`open_words`] words each, the horizon folded in.
 ///
@@ -24,7 +24,7 @@ pub fn encode(face_resolution: usize, open: &[u64]) -> Vec<u8> {
 /// The chunk of one patch in grayscale: `parts` has one list per point, by number of texel; their bits in `open` are not read.
 ///
 /// Panics as [`encode`], and unless there is a list per point, with levels in 1..steps.
-pub fn encode_gray(face_resolution: usize, open: &[u64], parts: &[Vec<Part>], steps: u32) -> Vec<u8> {
+pub(crate) fn encode_gray(face_resolution: usize, open: &[u64], parts: &[Vec<Part>], steps: u32) -> Vec<u8> {
     encode_arrays(face_resolution, open, Some((parts, steps)))
 }
 
@@ -32,7 +32,7 @@ pub fn encode_gray(face_resolution: usize, open: &[u64], parts: &[Vec<Part>], st
 /// others are copied. The same bytes.
 ///
 /// Panics as [`encode`], and if `before` is in grayscale.
-pub fn encode_changed<'a>(before: &Visibility, changed: impl Fn(usize) -> Option<&'a [u64]>) -> Vec<u8> {
+pub(crate) fn encode_changed<'a>(before: &Visibility, changed: impl Fn(usize) -> Option<&'a [u64]>) -> Vec<u8> {
     assert!(before.steps().is_none(), "grayscale is encoded whole");
     let n = before.face_resolution();
     let order = BlockOrder::new(n);
@@ -57,12 +57,12 @@ pub fn encode_changed<'a>(before: &Visibility, changed: impl Fn(usize) -> Option
 /// Sets the open bits of some faces (bit f) of a point, as [`PointVisibility::to_open_bits`] does those of all; the words of others stay.
 ///
 /// Blocks without a transition, most of them, are filled row by row.
-pub fn open_bits(point: &PointVisibility, face_resolution: usize, faces: u8, open: &mut [u64]) {
+pub(crate) fn open_bits(point: &PointVisibility, face_resolution: usize, faces: u8, open: &mut [u64]) {
     open_bits_in(point, face_resolution, |face, _| faces >> face & 1 == 1, open);
 }
 
 /// The same for the rows of a face that are wanted: of `wanted(face, y)`, y the first of 16 rows. Others may be set or stay.
-pub fn open_bits_in(point: &PointVisibility, face_resolution: usize, wanted: impl Fn(usize, usize) -> bool, open: &mut [u64]) {
+pub(crate) fn open_bits_in(point: &PointVisibility, face_resolution: usize, wanted: impl Fn(usize, usize) -> bool, open: &mut [u64]) {
     let n = face_resolution;
     let (face_blocks, words) = (n * n / BLOCK_TEXELS, n / 64);
     let order = row_major_from_hilbert(n);

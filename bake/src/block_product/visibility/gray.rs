@@ -12,18 +12,18 @@ use crate::trace::samples::SIDE;
 const SAMPLES: u32 = (SIDE * SIDE) as u32;
 
 /// Tile of a texel: a 4×4th of a face.
-pub fn tile_of(texel: u32, face_resolution: usize) -> u8 {
+pub(crate) fn tile_of(texel: u32, face_resolution: usize) -> u8 {
     let (n, texel, side) = (face_resolution, texel as usize, face_resolution * 2 / CELLS);
     (texel / (n * n) * 16 + texel / n % n / side * 4 + texel % n / side) as u8
 }
 
 /// Level of a texel with so many of its samples open: the nearest of `steps`, the higher one of two.
-pub fn level(open_samples: u32, steps: u32) -> u32 {
+pub(crate) fn level(open_samples: u32, steps: u32) -> u32 {
     (2 * open_samples * steps + SAMPLES) / (2 * SAMPLES)
 }
 
 /// Tiles in which samples differ; texels that were closed whole are seen in the bits.
-pub fn changed(before: &[(u32, u64)], after: &[(u32, u64)], n: usize) -> TileSet {
+pub(crate) fn changed(before: &[(u32, u64)], after: &[(u32, u64)], n: usize) -> TileSet {
     let mut old = before.iter().peekable();
     after.iter().fold(0, |set, part| {
         while old.next_if(|other| other.0 < part.0).is_some() {}
@@ -34,7 +34,7 @@ pub fn changed(before: &[(u32, u64)], after: &[(u32, u64)], n: usize) -> TileSet
 
 /// The lists.
 #[derive(Default)]
-pub struct PatchParts {
+pub(crate) struct PatchParts {
     /// Open samples, not all and not none.
     pub sampled: Vec<Vec<(u32, u64)>>,
     /// Levels from chunks.
@@ -43,7 +43,7 @@ pub struct PatchParts {
 
 impl PatchParts {
     /// Empty lists of so many points.
-    pub fn reset(&mut self, n_points: usize) {
+    pub(crate) fn reset(&mut self, n_points: usize) {
         self.sampled.iter_mut().for_each(Vec::clear);
         self.copied.iter_mut().for_each(Vec::clear);
         self.sampled.resize(n_points, Vec::new());
@@ -51,14 +51,14 @@ impl PatchParts {
     }
 
     /// Forgets what lies in tiles.
-    pub fn clear(&mut self, tiles: TileSet, n: usize) {
+    pub(crate) fn clear(&mut self, tiles: TileSet, n: usize) {
         let outside = |texel: u32| tiles >> tile_of(texel, n) & 1 == 0;
         self.sampled.iter_mut().for_each(|list| list.retain(|(texel, _)| outside(*texel)));
         self.copied.iter_mut().for_each(|list| list.retain(|(texel, _)| outside(*texel)));
     }
 
     /// Takes a point's samples in tiles out, in order.
-    pub fn take(&mut self, point: usize, tiles: TileSet, n: usize, out: &mut Vec<(u32, u64)>) {
+    pub(crate) fn take(&mut self, point: usize, tiles: TileSet, n: usize, out: &mut Vec<(u32, u64)>) {
         out.clear();
         self.sampled[point].retain(|(texel, samples)| {
             let inside = tiles >> tile_of(*texel, n) & 1 == 1;
@@ -70,7 +70,7 @@ impl PatchParts {
     }
 
     /// Puts samples back, however they have changed.
-    pub fn put(&mut self, point: usize, parts: &[(u32, u64)]) {
+    pub(crate) fn put(&mut self, point: usize, parts: &[(u32, u64)]) {
         if !parts.is_empty() {
             self.sampled[point].extend_from_slice(parts);
             self.sampled[point].sort_unstable_by_key(|(texel, _)| *texel);
@@ -78,7 +78,7 @@ impl PatchParts {
     }
 
     /// Appends what a tile's name depends on beside its bits.
-    pub fn describe(&self, tile: u8, n: usize, out: &mut Vec<u8>) {
+    pub(crate) fn describe(&self, tile: u8, n: usize, out: &mut Vec<u8>) {
         for (point, list) in self.sampled.iter().enumerate() {
             for (texel, samples) in list.iter().filter(|(texel, _)| tile_of(*texel, n) == tile) {
                 out.push(point as u8);
@@ -89,7 +89,7 @@ impl PatchParts {
     }
 
     /// Levels of one point, by texel; those that round to closed are cleared from `open`, those that round to open left out.
-    pub fn levels(&self, point: usize, n: usize, steps: u32, open: &mut [u64]) -> Vec<Part> {
+    pub(crate) fn levels(&self, point: usize, n: usize, steps: u32, open: &mut [u64]) -> Vec<Part> {
         let mut levels = self.copied[point].clone();
         for (texel, samples) in &self.sampled[point] {
             match level(samples.count_ones(), steps) {

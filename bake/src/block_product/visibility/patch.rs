@@ -41,18 +41,18 @@ pub struct Shadowing<'a> {
 
 impl Shadowing<'_> {
     /// What the shafts of an object's patches need to know of the tracer.
-    pub fn raster(&self, object: u32) -> Raster {
+    pub(crate) fn raster(&self, object: u32) -> Raster {
         Raster::new(self.face_resolution, shades_of(self.shades, object))
     }
 
     /// Steps of an object's grayscale; `None` of binary.
-    pub fn steps(&self, object: u32) -> Option<u32> {
+    pub(crate) fn steps(&self, object: u32) -> Option<u32> {
         shades_of(self.shades, object).steps()
     }
 }
 
 /// An object's shades in a list that may be shorter than the objects are many: the others are binary.
-pub fn shades_of(visibility: &[Shades], object: u32) -> Shades {
+pub(crate) fn shades_of(visibility: &[Shades], object: u32) -> Shades {
     visibility.get(object as usize).copied().unwrap_or_default()
 }
 
@@ -267,7 +267,13 @@ fn trace_up_to(of: &Shadowing, inputs: &PatchInputs, bits: &mut PatchBits, reach
 
 /// A tile of those that held whose bits are not what tracing gives, if there is one among `suspects`: traced from the horizon by all
 /// occluders, whatever the shafts say.
-pub fn false_hit(of: &Shadowing, inputs: &PatchInputs, visibility: &Visibility, suspects: TileSet, bits: &mut PatchBits) -> Option<u8> {
+pub(crate) fn false_hit(
+    of: &Shadowing,
+    inputs: &PatchInputs,
+    visibility: &Visibility,
+    suspects: TileSet,
+    bits: &mut PatchBits,
+) -> Option<u8> {
     bits.reset(of.face_resolution, of.steps(inputs.plan.object), inputs.patch.n_points as usize);
     bits.set_horizon(inputs.plan, inputs.patch, suspects);
     for layer in 0..of.pieces.n_layers() {

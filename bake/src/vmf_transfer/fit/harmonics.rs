@@ -18,22 +18,22 @@ use prelight_runtime::vmf_transfer::Lobe;
 use prelight_runtime::vmf_transfer::transfer::Record;
 
 /// Bands in which transfers are compared.
-pub const JUDGED: usize = 8;
+pub(crate) const JUDGED: usize = 8;
 /// Bytes of a stored lobe.
-pub const LOBE_BYTES: usize = size_of::<Record>();
+pub(crate) const LOBE_BYTES: usize = size_of::<Record>();
 /// Bands that may be stored.
-pub const BANDS: std::ops::RangeInclusive<usize> = 4..=6;
+pub(crate) const BANDS: std::ops::RangeInclusive<usize> = 4..=6;
 
 /// `[bands²]` RGB.
-pub type Coefficients = Vec<[f64; 3]>;
+pub(crate) type Coefficients = Vec<[f64; 3]>;
 
 /// Bytes of so many bands, RGB in halves.
-pub fn harmonics_bytes(bands: usize) -> usize {
+pub(crate) fn harmonics_bytes(bands: usize) -> usize {
     6 * bands * bands
 }
 
 /// Of paths, of which `generated` were drawn in all.
-pub fn of_paths(samples: &[PathSample], generated: u64, bands: usize) -> Coefficients {
+pub(crate) fn of_paths(samples: &[PathSample], generated: u64, bands: usize) -> Coefficients {
     let recurrence = Recurrence::new();
     let (mut sum, mut basis) = (vec![[0.0; 3]; bands * bands], vec![0.0; bands * bands]);
     for sample in samples {
@@ -48,7 +48,7 @@ pub fn of_paths(samples: &[PathSample], generated: u64, bands: usize) -> Coeffic
 }
 
 /// Of a sum of lobes.
-pub fn of_lobes(lobes: &[Lobe], bands: usize) -> Coefficients {
+pub(crate) fn of_lobes(lobes: &[Lobe], bands: usize) -> Coefficients {
     let recurrence = Recurrence::new();
     let (mut sum, mut basis) = (vec![[0.0; 3]; bands * bands], vec![0.0; bands * bands]);
     for lobe in lobes {
@@ -64,7 +64,7 @@ pub fn of_lobes(lobes: &[Lobe], bands: usize) -> Coefficients {
 }
 
 /// `[bands]` A_l(κ): what a lobe leaves of band l. 10⁻¹² relative.
-pub fn zonal(kappa: f64, bands: usize) -> Vec<f64> {
+pub(crate) fn zonal(kappa: f64, bands: usize) -> Vec<f64> {
     let mut zonal = vec![0.0; bands];
     zonal[0] = 1.0;
     if kappa <= 0.0 {
@@ -86,7 +86,7 @@ pub fn zonal(kappa: f64, bands: usize) -> Vec<f64> {
 }
 
 /// Relative error of the module head, of `got` with fewer bands or as many as `truth`.
-pub fn relative_error(got: &[[f64; 3]], truth: &[[f64; 3]]) -> f64 {
+pub(crate) fn relative_error(got: &[[f64; 3]], truth: &[[f64; 3]]) -> f64 {
     let (mut error, mut power) = (0.0, 0.0);
     for (i, truth) in truth.iter().enumerate() {
         let own = got.get(i).copied().unwrap_or_default();
@@ -99,7 +99,7 @@ pub fn relative_error(got: &[[f64; 3]], truth: &[[f64; 3]]) -> f64 {
 }
 
 /// Fewest bands of [`BANDS`] that are as close to the paths as an error, if any are.
-pub fn bands_within(truth: &[[f64; 3]], error: f64) -> Option<usize> {
+pub(crate) fn bands_within(truth: &[[f64; 3]], error: f64) -> Option<usize> {
     BANDS.into_iter().find(|bands| relative_error(&truth[..bands * bands], truth) <= error)
 }
 

@@ -24,9 +24,10 @@ use prelight_runtime::vmf_transfer::Lobe;
 use prelight_runtime::vmf_transfer::lobe::luminance;
 
 /// Effective samples that a component must hold.
-pub const LEAST_MASS: f64 = 10.0;
+pub(crate) const LEAST_MASS: f64 = 10.0;
 /// Starts.
-pub const RESTARTS: u64 = 3;
+#[cfg(test)]
+pub(crate) const RESTARTS: u64 = 3;
 /// Steps of one start at most.
 const MAX_STEPS: usize = 200;
 /// Gain of mean log-likelihood below which a start has converged.
@@ -56,7 +57,7 @@ struct Mixture {
 
 /// How hard to look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Effort {
+pub(crate) struct Effort {
     /// Starts, the best of which is kept.
     pub starts: u64,
     /// Samples that lobes are looked for in, from the front; all of them count in the last step, so weights stay exact.
@@ -65,11 +66,12 @@ pub struct Effort {
 
 impl Effort {
     /// Everything.
-    pub const FULL: Effort = Effort { starts: RESTARTS, samples: usize::MAX };
+    #[cfg(test)]
+    pub(crate) const FULL: Effort = Effort { starts: RESTARTS, samples: usize::MAX };
 }
 
 /// Up to `n_lobes` lobes of `samples`, of which `generated` were drawn in all. Fewer where the samples do not carry them; none without samples.
-pub fn fit_mixture(samples: &[PathSample], generated: u64, n_lobes: usize, seed: u64, effort: Effort) -> Vec<FittedLobe> {
+pub(crate) fn fit_mixture(samples: &[PathSample], generated: u64, n_lobes: usize, seed: u64, effort: Effort) -> Vec<FittedLobe> {
     let part = &samples[..effort.samples.min(samples.len())];
     let fitted = fit_part(part, generated, n_lobes, seed, effort.starts);
     if part.len() == samples.len() {

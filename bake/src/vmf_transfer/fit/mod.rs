@@ -8,7 +8,8 @@
 //! | [`thin`] | which slices need not be stored |
 //! | [`mod@slice`] | lobes of a BRDF's slice in the least-squares sense |
 
-pub mod harmonics;
+#[cfg(test)]
+mod harmonics;
 pub mod mixture;
 pub mod slice;
 pub mod thin;

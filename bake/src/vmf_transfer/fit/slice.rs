@@ -33,7 +33,7 @@ use prelight_runtime::sphere::vmf::{KAPPA_MAX, chord_squared, kappa_from_spread,
 use std::sync::LazyLock;
 
 /// Directions of the final set: along the lobe, twice as wide as it, and over the sphere.
-pub const NODES: [usize; 3] = [448, 192, 128];
+pub(crate) const NODES: [usize; 3] = [448, 192, 128];
 /// Widths of the search set about the given peak, and directions each.
 const SEARCH: [(f64, usize); 5] = [(0.0, 96), (4.0, 96), (40.0, 96), (600.0, 96), (20000.0, 96)];
 /// The search set about +z.

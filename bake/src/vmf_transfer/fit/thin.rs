@@ -12,12 +12,13 @@ use prelight_runtime::vmf_transfer::interpolate::middle;
 use prelight_runtime::vmf_transfer::transfer::{PointRecords, SLICE_LOBES, TransferLobe, decode, encode, n_words};
 
 /// Chooses what to keep of `slices`, `[stored corners of the level][slot]`, and encodes it. `tolerance`: L2 norm, sr^-½.
-pub fn thin_slices(solid: &Icosahedron, level: usize, slices: &[[TransferLobe; SLICE_LOBES]], tolerance: f64) -> PointRecords {
+#[cfg(test)]
+pub(crate) fn thin_slices(solid: &Icosahedron, level: usize, slices: &[[TransferLobe; SLICE_LOBES]], tolerance: f64) -> PointRecords {
     thin_wanted(solid, level, slices, tolerance, &vec![true; slices.len()])
 }
 
 /// The same where some corners are never read: `wanted`, in the order of `slices`. Nothing is kept for the others.
-pub fn thin_wanted(
+pub(crate) fn thin_wanted(
     solid: &Icosahedron,
     level: usize,
     slices: &[[TransferLobe; SLICE_LOBES]],

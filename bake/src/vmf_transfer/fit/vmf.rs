@@ -22,7 +22,7 @@ use prelight_runtime::vmf_transfer::lobe::luminance;
 
 /// A path that reached the environment: where, and how much it carries.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PathSample {
+pub(crate) struct PathSample {
     /// Unit direction in which it left.
     pub direction: [f32; 3],
     /// Product of f·cos / pdf along the path, RGB, at least 0.
@@ -31,7 +31,7 @@ pub struct PathSample {
 
 /// What a fit found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FittedLobe {
+pub(crate) struct FittedLobe {
     /// The lobe.
     pub lobe: Lobe,
     /// Effective number of samples, 0 when there are none: relative L2 noise of the lobe is √(1.5 / this).
@@ -52,7 +52,7 @@ pub(crate) struct LobeSums {
 impl LobeSums {
     /// Adds a `share` of a path.
     #[inline]
-    pub fn add(&mut self, direction: [f32; 3], weight: [f32; 3], share: f64) {
+    pub(crate) fn add(&mut self, direction: [f32; 3], weight: [f32; 3], share: f64) {
         let w = share * f64::from(luminance(weight));
         let s = direction.map(f64::from);
         for c in 0..3 {
@@ -65,7 +65,7 @@ impl LobeSums {
     }
 
     /// The lobe, with `generated` paths in all.
-    pub fn finish(&self, generated: f64) -> FittedLobe {
+    pub(crate) fn finish(&self, generated: f64) -> FittedLobe {
         let weight = self.weight.map(|sum| (sum / generated.max(1.0)) as f32);
         if self.mass <= 0.0 || self.squares <= 0.0 {
             return FittedLobe { lobe: Lobe { weight, mu: [0.0, 0.0, 1.0], kappa: 0.0 }, effective_samples: 0.0 };
@@ -90,7 +90,7 @@ pub(crate) fn fit_weighted(samples: &[PathSample], shares: impl Fn(usize) -> f64
 }
 
 /// The lobe of `samples`, of which `generated` were drawn in all (absorbed, blocked and missing ones included).
-pub fn fit_lobe(samples: &[PathSample], generated: u64) -> FittedLobe {
+pub(crate) fn fit_lobe(samples: &[PathSample], generated: u64) -> FittedLobe {
     fit_weighted(samples, |_| 1.0, generated as f64)
 }
 

@@ -54,7 +54,7 @@ fn lattice(i: usize, n: usize) -> [f64; 2] {
 
 impl Nodes {
     /// Directions of several lobes together: (mean, κ, how many); κ 0 is the sphere.
-    pub fn of_lobes(lobes: &[([f64; 3], f64, usize)]) -> Self {
+    pub(crate) fn of_lobes(lobes: &[([f64; 3], f64, usize)]) -> Self {
         let mut nodes = Nodes::default();
         for (mu, kappa, n) in lobes {
             for i in 0..*n {
@@ -73,7 +73,7 @@ impl Nodes {
     }
 
     /// Those about +z, about another axis.
-    pub fn turned(&self, mu: [f64; 3]) -> Self {
+    pub(crate) fn turned(&self, mu: [f64; 3]) -> Self {
         let [t, b] = crate::vmf_transfer::fit::slice::tangents(mu);
         let s = std::array::from_fn(|k| {
             let [x, y, z] = &self.s;
@@ -83,22 +83,22 @@ impl Nodes {
     }
 
     /// Evaluates a slice; below 0 counts as 0.
-    pub fn fill(&mut self, slice: &dyn Fn([f64; 3]) -> f64) {
+    pub(crate) fn fill(&mut self, slice: &dyn Fn([f64; 3]) -> f64) {
         self.value = (0..self.measure.len()).map(|i| slice(self.direction(i)).max(0.0)).collect();
     }
 
     /// Number of directions.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.measure.len()
     }
 
     /// One of them.
-    pub fn direction(&self, i: usize) -> [f64; 3] {
+    pub(crate) fn direction(&self, i: usize) -> [f64; 3] {
         [self.s[0][i], self.s[1][i], self.s[2][i]]
     }
 
     /// ∫ of values given at the directions.
-    pub fn integral(&self, values: impl Iterator<Item = f64>) -> f64 {
+    pub(crate) fn integral(&self, values: impl Iterator<Item = f64>) -> f64 {
         self.measure.iter().zip(values).map(|(measure, value)| measure * value).sum()
     }
 }
