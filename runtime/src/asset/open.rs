@@ -163,7 +163,7 @@ impl Asset {
     }
 
     /// Whether light over other surfaces was baked for any patch.
-    pub fn has_transfer(&self) -> bool {
+    pub(crate) fn has_transfer(&self) -> bool {
         self.patches.iter().any(|patch| patch.factor(ChunkKind::Transfer).is_some())
     }
 

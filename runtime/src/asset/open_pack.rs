@@ -40,7 +40,7 @@ impl OpenOptions {
     ///
     /// # Errors
     /// As [`Asset::open_static`].
-    pub fn open_static(&self, name: &str, bytes: &'static [u8]) -> Result<Asset, RuntimeError> {
+    pub(crate) fn open_static(&self, name: &str, bytes: &'static [u8]) -> Result<Asset, RuntimeError> {
         let mut source = MemorySource::new();
         source.add_static_pack(name, bytes)?;
         self.open_source(name, &source)
@@ -50,7 +50,7 @@ impl OpenOptions {
     ///
     /// # Errors
     /// As [`Asset::open_static`].
-    pub fn open_bytes(&self, name: &str, bytes: &[u8]) -> Result<Asset, RuntimeError> {
+    pub(crate) fn open_bytes(&self, name: &str, bytes: &[u8]) -> Result<Asset, RuntimeError> {
         let mut source = MemorySource::new();
         source.add_pack(name, bytes)?;
         self.open_source(name, &source)

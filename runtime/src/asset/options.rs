@@ -67,7 +67,7 @@ impl OpenOptions {
     }
 
     /// Techniques that an asset may have.
-    pub fn techniques(&self) -> &Techniques {
+    pub(crate) fn techniques(&self) -> &Techniques {
         &self.techniques
     }
 

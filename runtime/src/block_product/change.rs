@@ -16,7 +16,7 @@ use crate::environment::LightCubemap;
 use crate::sphere::cubemap::{BLOCK_TEXELS, row_major_from_hilbert};
 
 /// Share of blocks up to which a partial update is worth it.
-pub const MOST_CHANGED: f32 = 0.125;
+pub(crate) const MOST_CHANGED: f32 = 0.125;
 /// A light this much darker than at the last full pass needs another.
 const DARKENING: f64 = 1e-3;
 

@@ -16,7 +16,7 @@ use prelight_manifests::ChunkKind;
 const IRRADIANCE: usize = 9;
 
 /// Direct light through visibility.
-pub struct BlockProduct {
+pub(crate) struct BlockProduct {
     light: Option<Light>,
     accuracy: Accuracy,
     /// While lights are changes of each other.
@@ -33,7 +33,7 @@ struct Following {
 
 impl BlockProduct {
     /// A layer without light.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         BlockProduct { light: None, accuracy: LightOptions::default().accuracy, following: None }
     }
 }

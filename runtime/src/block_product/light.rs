@@ -21,7 +21,7 @@ pub(crate) const LANES: usize = 15;
 /// Sums of the light from a position on, `[channel · 3 + axis]` in the first nine lanes, second moments of the sum of the channels in the next six. W·m⁻².
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
-pub struct SuffixLine(pub [f32; 16]);
+pub(crate) struct SuffixLine(pub [f32; 16]);
 
 /// Light ready for both products. Fields are planar in Hilbert order.
 #[derive(Clone, Debug)]
@@ -120,7 +120,7 @@ impl Light {
     }
 
     /// Texels along a side of a face.
-    pub fn face_resolution(&self) -> usize {
+    pub(crate) fn face_resolution(&self) -> usize {
         self.face_resolution
     }
 

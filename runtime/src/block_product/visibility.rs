@@ -35,7 +35,7 @@ const GRAYSCALE: u32 = 2;
 /// Zeros after the last position, so that a load of 64 positions never leaves the stream.
 pub const STREAM_PADDING: usize = 64;
 /// Blocks of the finest cubemap, 128².
-pub const MAX_BLOCKS: usize = 384;
+pub(crate) const MAX_BLOCKS: usize = 384;
 
 /// Blocks of a cubemap: 96 at 64², 384 at 128².
 pub const fn block_count(face_resolution: usize) -> usize {

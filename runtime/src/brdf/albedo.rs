@@ -12,7 +12,7 @@ pub(super) struct AlbedoTable<const VIEWS: usize, const WIDTHS: usize> {
 
 impl<const VIEWS: usize, const WIDTHS: usize> AlbedoTable<VIEWS, WIDTHS> {
     /// Fills the nodes with `albedo(n·v, alpha)`.
-    pub fn new(albedo: impl Fn(f64, f64) -> [f64; 2]) -> Self {
+    pub(crate) fn new(albedo: impl Fn(f64, f64) -> [f64; 2]) -> Self {
         let mut terms = Vec::with_capacity(VIEWS * WIDTHS);
         for row in 0..WIDTHS {
             let root = Self::first_width() + (1.0 - Self::first_width()) * row as f64 / (WIDTHS - 1) as f64;
@@ -33,7 +33,7 @@ impl<const VIEWS: usize, const WIDTHS: usize> AlbedoTable<VIEWS, WIDTHS> {
     }
 
     /// The terms at a view and a perceptual roughness (√alpha); both are clamped.
-    pub fn lookup(&self, n_dot_v: f32, roughness: f32) -> [f32; 2] {
+    pub(crate) fn lookup(&self, n_dot_v: f32, roughness: f32) -> [f32; 2] {
         let place = |unit: f32, nodes: usize| {
             let at = unit.clamp(0.0, 1.0) * (nodes - 1) as f32;
             let low = (at as usize).min(nodes - 2);
@@ -62,7 +62,7 @@ impl StretchedTable {
     const NODES: [usize; 4] = [9, 6, 13, 5];
 
     /// Fills the nodes with `albedo(v, widths)`.
-    pub fn new(albedo: impl Fn([f64; 3], [f64; 2]) -> [f64; 2]) -> Self {
+    pub(crate) fn new(albedo: impl Fn([f64; 3], [f64; 2]) -> [f64; 2]) -> Self {
         let fourth_root = |i: usize, nodes: usize| {
             let first = ALPHA_MIN.sqrt().sqrt();
             first + (1.0 - first) * i as f64 / (nodes - 1) as f64
@@ -83,7 +83,7 @@ impl StretchedTable {
     }
 
     /// The terms at a local view direction and widths along tangent and bitangent.
-    pub fn lookup(&self, v: [f64; 3], alpha: [f64; 2]) -> [f32; 2] {
+    pub(crate) fn lookup(&self, v: [f64; 3], alpha: [f64; 2]) -> [f32; 2] {
         let (large, small) = (alpha[0].max(alpha[1]), alpha[0].min(alpha[1]));
         let (along, across) = if alpha[0] >= alpha[1] { (v[0], v[1]) } else { (v[1], v[0]) };
         let first = ALPHA_MIN.sqrt().sqrt();

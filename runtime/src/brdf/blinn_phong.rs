@@ -24,7 +24,7 @@ fn power(h: [f64; 3], exponent: f64) -> f64 {
 }
 
 /// f·n·l, sr⁻¹; 0 below the horizon.
-pub fn value(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
+pub(crate) fn value(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
     if l[2] <= 0.0 {
         return 0.0;
     }
@@ -32,14 +32,14 @@ pub fn value(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
 }
 
 /// A direction whose half vector has density (s + 2)/(2π) · (n·h)^(s + 1); may lie below the horizon. `u` uniform in \[0, 1)².
-pub fn sample(v: [f64; 3], exponent: f64, u: [f64; 2]) -> [f64; 3] {
+pub(crate) fn sample(v: [f64; 3], exponent: f64, u: [f64; 2]) -> [f64; 3] {
     let versine = -libm::expm1(libm::log1p(-u[0]) / (exponent + 2.0));
     let (sine, phi) = ((versine * (2.0 - versine)).max(0.0).sqrt(), 2.0 * PI * u[1]);
     reflect(v, [sine * libm::cos(phi), sine * libm::sin(phi), 1.0 - versine])
 }
 
 /// Density of [`sample`], sr⁻¹.
-pub fn pdf(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
+pub(crate) fn pdf(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
     let h = half_vector(v, l);
     let v_dot_h = dot(v, h);
     if h[2] <= 0.0 || v_dot_h <= 0.0 {

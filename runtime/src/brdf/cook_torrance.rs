@@ -14,7 +14,7 @@ use super::ward;
 use crate::sphere::frame::dot;
 
 /// The lobe times n·l as the factor of F0 and the rest, sr⁻¹; 0 below the horizon. `v` above it.
-pub fn terms(v: [f64; 3], l: [f64; 3], slope: f64) -> [f64; 2] {
+pub(crate) fn terms(v: [f64; 3], l: [f64; 3], slope: f64) -> [f64; 2] {
     let h = half_vector(v, l);
     if l[2] <= 0.0 || h[2] <= 0.0 {
         return [0.0; 2];
@@ -27,11 +27,11 @@ pub fn terms(v: [f64; 3], l: [f64; 3], slope: f64) -> [f64; 2] {
 }
 
 /// A direction whose half vector has the density D cos θ_h; may lie below the horizon. `u` uniform in \[0, 1)².
-pub fn sample(v: [f64; 3], slope: f64, u: [f64; 2]) -> [f64; 3] {
+pub(crate) fn sample(v: [f64; 3], slope: f64, u: [f64; 2]) -> [f64; 3] {
     ward::sample(v, [slope; 2], u)
 }
 
 /// Density of [`sample`], sr⁻¹.
-pub fn pdf(v: [f64; 3], l: [f64; 3], slope: f64) -> f64 {
+pub(crate) fn pdf(v: [f64; 3], l: [f64; 3], slope: f64) -> f64 {
     ward::pdf(v, l, [slope; 2])
 }

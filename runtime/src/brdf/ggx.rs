@@ -43,13 +43,13 @@ pub fn alpha(roughness: f32) -> f64 {
 }
 
 /// S(c) = √(a² + (1 − a²) c²) of the Smith terms, at `cosine` = n·v or n·l.
-pub fn smith_root(alpha: f64, cosine: f64) -> f64 {
+pub(crate) fn smith_root(alpha: f64, cosine: f64) -> f64 {
     (alpha * alpha + (1.0 - alpha * alpha) * cosine * cosine).sqrt()
 }
 
 /// The view direction that shading uses: `v` itself where n·v ≥ [`N_DOT_V_MIN`], else the nearest unit vector in the plane of n and v
 /// that has that cosine. Bent normals need it: a point that is seen can have its normal turned away.
-pub fn lift_view(n: [f64; 3], v: [f64; 3]) -> [f64; 3] {
+pub(crate) fn lift_view(n: [f64; 3], v: [f64; 3]) -> [f64; 3] {
     let n_dot_v = dot(n, v);
     if n_dot_v >= N_DOT_V_MIN {
         return v;
@@ -71,7 +71,7 @@ pub fn terms(n: [f32; 3], v: [f32; 3], l: [f32; 3], roughness: f32) -> [f32; 2] 
 }
 
 /// [`terms`] in f64, of `alpha` instead of roughness.
-pub fn terms_f64(n: [f64; 3], v: [f64; 3], l: [f64; 3], alpha: f64) -> [f64; 2] {
+pub(crate) fn terms_f64(n: [f64; 3], v: [f64; 3], l: [f64; 3], alpha: f64) -> [f64; 2] {
     let n_dot_l = dot(n, l);
     if n_dot_l <= 0.0 {
         return [0.0; 2];
@@ -112,13 +112,13 @@ pub fn pdf(n: [f32; 3], v: [f32; 3], l: [f32; 3], roughness: f32) -> f32 {
 }
 
 /// S(c) of anisotropic widths, at a unit direction of the local frame.
-pub fn smith_root_local(alpha: [f64; 2], c: [f64; 3]) -> f64 {
+pub(crate) fn smith_root_local(alpha: [f64; 2], c: [f64; 3]) -> f64 {
     let [x, y] = [alpha[0] * c[0], alpha[1] * c[1]];
     (x * x + y * y + c[2] * c[2]).sqrt()
 }
 
 /// [`terms`] of anisotropic widths in the local frame. `v` above the horizon; 0 where l is below.
-pub fn local_terms(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> [f64; 2] {
+pub(crate) fn local_terms(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> [f64; 2] {
     if l[2] <= 0.0 {
         return [0.0; 2];
     }
@@ -130,19 +130,19 @@ pub fn local_terms(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> [f64; 2] {
 }
 
 /// A direction toward the light from the visible normals of anisotropic widths; `u` uniform in \[0, 1)².
-pub fn local_sample(v: [f64; 3], alpha: [f64; 2], u: [f64; 2]) -> [f64; 3] {
+pub(crate) fn local_sample(v: [f64; 3], alpha: [f64; 2], u: [f64; 2]) -> [f64; 3] {
     reflect(v, visible_normal(v, alpha, u))
 }
 
 /// Density of [`local_sample`] per solid angle of l, sr⁻¹.
-pub fn local_pdf(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> f64 {
+pub(crate) fn local_pdf(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> f64 {
     let h = half_vector(v, l);
     if h[2] <= 0.0 { 0.0 } else { local_distribution(h, alpha) / (2.0 * (v[2] + smith_root_local(alpha, v))) }
 }
 
 /// Widths along tangent and bitangent of a lobe of width `alpha` with a strength 0..1: mix(alpha, 1, strength²) and alpha.
 /// Source: KHR_materials_anisotropy.
-pub fn stretched(alpha: f64, strength: f64) -> [f64; 2] {
+pub(crate) fn stretched(alpha: f64, strength: f64) -> [f64; 2] {
     [alpha + (1.0 - alpha) * strength * strength, alpha]
 }
 
@@ -172,7 +172,7 @@ pub const ALBEDO_ERROR: f32 = 5e-3;
 /// The two albedo integrals by quadrature over visible normals, for `n_dot_v` > 0. Deterministic.
 ///
 /// `rings` × `sectors` midpoints of (z, φ) on the spherical cap; the weight left over is G2 / G1(v).
-pub fn albedo_quadrature(n_dot_v: f64, alpha: f64, rings: usize, sectors: usize) -> [f64; 2] {
+pub(crate) fn albedo_quadrature(n_dot_v: f64, alpha: f64, rings: usize, sectors: usize) -> [f64; 2] {
     let n_dot_v = n_dot_v.max(N_DOT_V_MIN);
     let v = [(1.0 - n_dot_v * n_dot_v).max(0.0).sqrt(), 0.0, n_dot_v];
     let s_v = smith_root(alpha, n_dot_v);

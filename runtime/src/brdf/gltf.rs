@@ -66,7 +66,7 @@ impl GltfSurface {
     }
 
     /// The same as base, lobe and coat.
-    pub fn surface(&self) -> Surface<'static> {
+    pub(crate) fn surface(&self) -> Surface<'static> {
         let dielectric = self.dielectric_f0();
         Surface {
             diffuse: self.base_color.map(|base| base * (1.0 - self.metallic)),

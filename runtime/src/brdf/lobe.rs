@@ -71,7 +71,7 @@ impl Lobe<'_> {
     }
 
     /// A direction about as the lobe; may lie below the horizon. `u` uniform in \[0, 1)². [`Lobe::None`] gives the normal.
-    pub fn sample(&self, v: [f64; 3], u: [f64; 2]) -> [f64; 3] {
+    pub(crate) fn sample(&self, v: [f64; 3], u: [f64; 2]) -> [f64; 3] {
         match *self {
             Lobe::None => [0.0, 0.0, 1.0],
             Lobe::Ggx { alpha } => ggx::local_sample(v, alpha, u),
@@ -84,7 +84,7 @@ impl Lobe<'_> {
     }
 
     /// Density of [`Lobe::sample`], sr⁻¹; 0 for [`Lobe::None`].
-    pub fn pdf(&self, v: [f64; 3], l: [f64; 3]) -> f64 {
+    pub(crate) fn pdf(&self, v: [f64; 3], l: [f64; 3]) -> f64 {
         match *self {
             Lobe::None => 0.0,
             Lobe::Ggx { alpha } => ggx::local_pdf(v, l, alpha),
@@ -97,7 +97,7 @@ impl Lobe<'_> {
     }
 
     /// Directional albedo ∫ f n·l dl as the factors of F0 and F90, toward the local view direction `v`.
-    pub fn albedo_terms(&self, v: [f64; 3]) -> [[f32; 3]; 2] {
+    pub(crate) fn albedo_terms(&self, v: [f64; 3]) -> [[f32; 3]; 2] {
         static PHONG: OnceLock<AlbedoTable<48, 32>> = OnceLock::new();
         static BLINN_PHONG: OnceLock<AlbedoTable<48, 32>> = OnceLock::new();
         static WARD: OnceLock<AlbedoTable<48, 32>> = OnceLock::new();
@@ -128,7 +128,7 @@ impl Lobe<'_> {
     }
 
     /// The albedo by a grid of `rings` × `sectors` samples, value over density; channel 0.
-    pub fn albedo_quadrature(&self, v: [f64; 3], rings: usize, sectors: usize) -> [f64; 2] {
+    pub(crate) fn albedo_quadrature(&self, v: [f64; 3], rings: usize, sectors: usize) -> [f64; 2] {
         let mut sum = [0.0; 2];
         for i in 0..rings * sectors {
             // A ring's samples are turned against its neighbour's, or few sectors would always meet the same azimuths.

@@ -157,7 +157,7 @@ impl Measured {
     }
 
     /// Reads a chunk.
-    pub fn from_chunk(bytes: &[u8]) -> Result<Self, RuntimeError> {
+    pub(crate) fn from_chunk(bytes: &[u8]) -> Result<Self, RuntimeError> {
         let mut reader = Reader::new("brdf", MAGIC, VERSION, bytes)?;
         let grid = [reader.counts[0], reader.counts[1], reader.counts[2]].map(|n| n as usize);
         let count = grid.iter().map(|n| *n as u64).product::<u64>();
@@ -200,7 +200,7 @@ impl Measured {
     }
 
     /// f(v, l) · n·l per channel, sr⁻¹; 0 below the horizon. Directions in the frame (tangent, bitangent, normal).
-    pub fn value(&self, v: [f64; 3], l: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn value(&self, v: [f64; 3], l: [f64; 3]) -> [f64; 3] {
         if l[2] <= 0.0 {
             return [0.0; 3];
         }
@@ -230,7 +230,7 @@ impl Measured {
     }
 
     /// Upper bound of f in any channel at half angles whose tangent is at least `tangent`.
-    pub fn peak_beyond(&self, tangent: f64) -> f32 {
+    pub(crate) fn peak_beyond(&self, tangent: f64) -> f32 {
         let at = (libm::atan(tangent.max(0.0)) / FRAC_PI_2).sqrt() * self.grid[0] as f64;
         // The look-up between two nodes is at most the larger one: the node below the angle counts.
         self.peak[(at as usize).min(self.grid[0])]
@@ -243,7 +243,7 @@ impl Measured {
     }
 
     /// A direction from cosine and half-angle sampling mixed; `u` uniform in \[0, 1)². May lie below the horizon.
-    pub fn sample(&self, v: [f64; 3], u: [f64; 2]) -> [f64; 3] {
+    pub(crate) fn sample(&self, v: [f64; 3], u: [f64; 2]) -> [f64; 3] {
         if u[0] < COSINE_SHARE {
             return lambert::sample([u[0] / COSINE_SHARE, u[1]]);
         }
@@ -258,7 +258,7 @@ impl Measured {
     }
 
     /// Density of [`Measured::sample`], sr⁻¹.
-    pub fn pdf(&self, v: [f64; 3], l: [f64; 3]) -> f64 {
+    pub(crate) fn pdf(&self, v: [f64; 3], l: [f64; 3]) -> f64 {
         let h = half_vector(v, l);
         let v_dot_h = dot(v, h);
         let mut density = COSINE_SHARE * lambert::pdf(l);
@@ -272,7 +272,7 @@ impl Measured {
     }
 
     /// Directional albedo at `n_dot_v`, per channel.
-    pub fn albedo(&self, n_dot_v: f32) -> [f32; 3] {
+    pub(crate) fn albedo(&self, n_dot_v: f32) -> [f32; 3] {
         let at = n_dot_v.clamp(0.0, 1.0).sqrt() * (VIEWS - 1) as f32;
         let low = (at as usize).min(VIEWS - 2);
         std::array::from_fn(|c| self.albedo[low][c] + (self.albedo[low + 1][c] - self.albedo[low][c]) * (at - low as f32))

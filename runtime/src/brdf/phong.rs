@@ -13,7 +13,7 @@ use super::frame::about;
 use std::f64::consts::PI;
 
 /// Largest exponent: that of [`super::ggx::ALPHA_MIN`].
-pub const EXPONENT_MAX: f64 = 2e6 - 2.0;
+pub(crate) const EXPONENT_MAX: f64 = 2e6 - 2.0;
 
 /// Width of an exponent: α² = 2 / (s + 2), so that exp(−tan²θ_h/α²) and cosˢθ_h fall off alike.
 pub fn alpha(exponent: f64) -> f64 {
@@ -33,18 +33,18 @@ pub(crate) fn power(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
 }
 
 /// f·n·l, sr⁻¹; 0 below the horizon.
-pub fn value(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
+pub(crate) fn value(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
     if l[2] <= 0.0 { 0.0 } else { (exponent + 2.0) / (2.0 * PI) * power(v, l, exponent) * l[2] }
 }
 
 /// A direction by the power about the mirror direction; may lie below the horizon. `u` uniform in \[0, 1)².
-pub fn sample(v: [f64; 3], exponent: f64, u: [f64; 2]) -> [f64; 3] {
+pub(crate) fn sample(v: [f64; 3], exponent: f64, u: [f64; 2]) -> [f64; 3] {
     let versine = -libm::expm1(libm::log1p(-u[0]) / (exponent + 1.0));
     let (sine, phi) = ((versine * (2.0 - versine)).max(0.0).sqrt(), 2.0 * PI * u[1]);
     about([-v[0], -v[1], v[2]], [sine * libm::cos(phi), sine * libm::sin(phi), 1.0 - versine])
 }
 
 /// Density of [`sample`], sr⁻¹.
-pub fn pdf(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
+pub(crate) fn pdf(v: [f64; 3], l: [f64; 3], exponent: f64) -> f64 {
     (exponent + 1.0) / (2.0 * PI) * power(v, l, exponent)
 }

@@ -14,7 +14,7 @@ use super::{ggx, lambert};
 use crate::sphere::frame::{dot, tangents};
 
 /// Reflectance of a clear coat along its normal.
-pub const COAT_F0: f32 = 0.04;
+pub(crate) const COAT_F0: f32 = 0.04;
 
 /// A clear coat; strength 0 is none.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -47,7 +47,7 @@ impl Place {
 
     /// A place whose frame follows `tangent` (made perpendicular to the normal), turned to the unit `direction` between it and the
     /// bitangent `sign` · n × t. A tangent that is zero or along the normal gives [`Place::about`].
-    pub fn along(normal: [f32; 3], tangent: [f32; 4], direction: [f32; 2]) -> Self {
+    pub(crate) fn along(normal: [f32; 3], tangent: [f32; 4], direction: [f32; 2]) -> Self {
         let n = normal.map(f64::from);
         let t = [tangent[0], tangent[1], tangent[2]].map(f64::from);
         let along = dot(t, n);
@@ -106,7 +106,7 @@ struct Shares {
 
 impl Surface<'_> {
     /// Share of the light that passes the coat both ways, seen at `n_dot_v` of the coat's normal.
-    pub fn under_coat(&self, coat_n_dot_v: f32) -> f32 {
+    pub(crate) fn under_coat(&self, coat_n_dot_v: f32) -> f32 {
         if self.coat.strength <= 0.0 { 1.0 } else { 1.0 - self.coat.strength * coat_albedo(coat_n_dot_v, self.coat.roughness) }
     }
 
@@ -129,7 +129,7 @@ impl Surface<'_> {
 
     /// Radiance toward `v` of a place that receives `irradiance` (per channel, on its normal), `glossy` light in the lobe's two terms
     /// and `coat` light, the coat's two terms already weighted.
-    pub fn relit(&self, place: &Place, v: [f32; 3], irradiance: [f32; 3], glossy: [[f32; 3]; 2], coat: [f32; 3]) -> [f32; 3] {
+    pub(crate) fn relit(&self, place: &Place, v: [f32; 3], irradiance: [f32; 3], glossy: [[f32; 3]; 2], coat: [f32; 3]) -> [f32; 3] {
         let base = self.base(lift(place.local(v)));
         let under = self.under_coat(dot32(place.coat_normal, v));
         let strength = self.coat.strength;
@@ -211,7 +211,7 @@ impl Surface<'_> {
 }
 
 /// Directional albedo of a whole coat.
-pub fn coat_albedo(n_dot_v: f32, roughness: f32) -> f32 {
+pub(crate) fn coat_albedo(n_dot_v: f32, roughness: f32) -> f32 {
     let [t0, t1] = ggx::albedo_terms(n_dot_v, roughness);
     COAT_F0 * t0 + t1
 }

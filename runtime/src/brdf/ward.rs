@@ -13,7 +13,7 @@ use crate::sphere::frame::dot;
 use std::f64::consts::PI;
 
 /// f·n·l, sr⁻¹; 0 below the horizon. `alpha` along tangent and bitangent.
-pub fn value(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> f64 {
+pub(crate) fn value(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> f64 {
     if l[2] <= 0.0 {
         return 0.0;
     }
@@ -29,7 +29,7 @@ pub(super) fn gaussian(h: [f64; 3], alpha: [f64; 2]) -> f64 {
 }
 
 /// A direction whose half vector has Gaussian slopes; may lie below the horizon. `u` uniform in \[0, 1)².
-pub fn sample(v: [f64; 3], alpha: [f64; 2], u: [f64; 2]) -> [f64; 3] {
+pub(crate) fn sample(v: [f64; 3], alpha: [f64; 2], u: [f64; 2]) -> [f64; 3] {
     let (radius, phi) = ((-libm::log1p(-u[0])).sqrt(), 2.0 * PI * u[1]);
     let h = [alpha[0] * radius * libm::cos(phi), alpha[1] * radius * libm::sin(phi), 1.0];
     let length = dot(h, h).sqrt();
@@ -37,7 +37,7 @@ pub fn sample(v: [f64; 3], alpha: [f64; 2], u: [f64; 2]) -> [f64; 3] {
 }
 
 /// Density of [`sample`], sr⁻¹.
-pub fn pdf(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> f64 {
+pub(crate) fn pdf(v: [f64; 3], l: [f64; 3], alpha: [f64; 2]) -> f64 {
     let h = half_vector(v, l);
     let v_dot_h = dot(v, h);
     if h[2] <= 0.0 || v_dot_h <= 0.0 {

@@ -10,19 +10,19 @@ use bytemuck::{Pod, cast_slice, try_cast_slice};
 use std::ops::RangeInclusive;
 
 /// Alignment of every array.
-pub const ALIGNMENT: usize = 64;
+pub(crate) const ALIGNMENT: usize = 64;
 
 /// Most points in a patch, the unit of chunks.
 pub const PATCH_POINTS: usize = 256;
 
 /// Builds a chunk.
-pub struct Writer {
+pub(crate) struct Writer {
     bytes: Vec<u8>,
 }
 
 impl Writer {
     /// Starts with the header.
-    pub fn new(magic: &[u8; 4], version: u32, counts: [u32; 6]) -> Self {
+    pub(crate) fn new(magic: &[u8; 4], version: u32, counts: [u32; 6]) -> Self {
         let mut bytes = Vec::new();
         bytes.extend_from_slice(magic);
         bytes.extend_from_slice(&version.to_le_bytes());
@@ -32,20 +32,20 @@ impl Writer {
     }
 
     /// Appends an array and pads with zeros.
-    pub fn array<T: Pod>(mut self, values: &[T]) -> Self {
+    pub(crate) fn array<T: Pod>(mut self, values: &[T]) -> Self {
         self.bytes.extend_from_slice(cast_slice(values));
         self.bytes.resize(self.bytes.len().next_multiple_of(ALIGNMENT), 0);
         self
     }
 
     /// The chunk's plain bytes.
-    pub fn finish(self) -> Vec<u8> {
+    pub(crate) fn finish(self) -> Vec<u8> {
         self.bytes
     }
 }
 
 /// Takes a chunk apart without copying. The bytes must be aligned for the element types (the store aligns to 64).
-pub struct Reader<'a> {
+pub(crate) struct Reader<'a> {
     kind: &'static str,
     bytes: &'a [u8],
     at: usize,
@@ -57,12 +57,17 @@ pub struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     /// Checks magic and version.
-    pub fn new(kind: &'static str, magic: &[u8; 4], version: u32, bytes: &'a [u8]) -> Result<Self, RuntimeError> {
+    pub(crate) fn new(kind: &'static str, magic: &[u8; 4], version: u32, bytes: &'a [u8]) -> Result<Self, RuntimeError> {
         Self::of_versions(kind, magic, version..=version, bytes)
     }
 
     /// The same where several versions can be read.
-    pub fn of_versions(kind: &'static str, magic: &[u8; 4], versions: RangeInclusive<u32>, bytes: &'a [u8]) -> Result<Self, RuntimeError> {
+    pub(crate) fn of_versions(
+        kind: &'static str,
+        magic: &[u8; 4],
+        versions: RangeInclusive<u32>,
+        bytes: &'a [u8],
+    ) -> Result<Self, RuntimeError> {
         let error = |what: String| RuntimeError::Chunk { kind, digest: String::new(), what };
         if bytes.len() < ALIGNMENT || &bytes[..4] != magic {
             return Err(error(format!("not a {kind} chunk")));
@@ -75,7 +80,7 @@ impl<'a> Reader<'a> {
     }
 
     /// The next array, `count` elements.
-    pub fn array<T: Pod>(&mut self, count: usize) -> Result<&'a [T], RuntimeError> {
+    pub(crate) fn array<T: Pod>(&mut self, count: usize) -> Result<&'a [T], RuntimeError> {
         let left = self.bytes.len() - self.at;
         let size = count.checked_mul(size_of::<T>()).filter(|size| *size <= left && size.next_multiple_of(ALIGNMENT) <= left);
         let size = size.ok_or_else(|| self.error("shorter than its counts say"))?;
@@ -88,12 +93,12 @@ impl<'a> Reader<'a> {
     }
 
     /// An error about this chunk.
-    pub fn error(&self, what: &str) -> RuntimeError {
+    pub(crate) fn error(&self, what: &str) -> RuntimeError {
         RuntimeError::Chunk { kind: self.kind, digest: String::new(), what: what.to_string() }
     }
 
     /// Checks that nothing is left over.
-    pub fn finish(self) -> Result<(), RuntimeError> {
+    pub(crate) fn finish(self) -> Result<(), RuntimeError> {
         if self.at == self.bytes.len() { Ok(()) } else { Err(self.error("longer than its counts say")) }
     }
 }

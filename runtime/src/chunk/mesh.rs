@@ -168,7 +168,7 @@ impl<'a> Mesh<'a> {
     }
 
     /// One more than the highest point that a vertex or blend names.
-    pub fn n_points(&self) -> usize {
+    pub(crate) fn n_points(&self) -> usize {
         let own = self.point_front.iter().chain(self.point_back).filter(|p| **p < BLENDED);
         own.chain(self.blends.iter().flat_map(|blend| &blend.points)).max().map_or(0, |p| *p as usize + 1)
     }

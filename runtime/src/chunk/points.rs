@@ -33,7 +33,7 @@ pub struct Points<'a> {
 
 impl<'a> Points<'a> {
     /// Number of points.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.position.len()
     }
 

@@ -13,7 +13,7 @@ use super::threads::map_indices;
 use crate::error::RuntimeError;
 
 /// Weight of each of the two other corners at the place that stands for a point.
-pub const INSET: f32 = 0.01;
+pub(crate) const INSET: f32 = 0.01;
 
 /// Radiance at points, pixel by pixel.
 #[derive(Clone, Debug, PartialEq)]

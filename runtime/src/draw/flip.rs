@@ -17,7 +17,7 @@ use super::threads::map_indices;
 use std::f32::consts::PI;
 
 /// Pixels per degree of visual angle: 0.7 m from a 0.7 m wide screen of 3840 pixels.
-pub const PIXELS_PER_DEGREE: f32 = 67.0;
+pub(crate) const PIXELS_PER_DEGREE: f32 = 67.0;
 
 const COLOUR_EXPONENT: f32 = 0.7;
 const COLOUR_KNEE: f32 = 0.4;

@@ -18,7 +18,7 @@ use crate::surface::{Material, Texture};
 use std::collections::BTreeMap;
 
 /// Vertical field of view of the automatic view, degrees.
-pub const FRAMING_FOV_Y_DEG: f32 = 35.0;
+pub(crate) const FRAMING_FOV_Y_DEG: f32 = 35.0;
 /// Share of the frame's half width that the scene may fill.
 const FILL: f64 = 0.93;
 /// The same when the ground goes on beyond what is shown.

@@ -9,7 +9,7 @@ use crate::error::RuntimeError;
 use std::io::Cursor;
 
 /// Largest image side read.
-pub const MAX_SIDE: usize = 32768;
+pub(crate) const MAX_SIDE: usize = 32768;
 /// Deflate cannot unpack a byte to more than this.
 const DEFLATE_RATIO: u64 = 1032;
 

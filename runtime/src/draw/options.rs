@@ -19,7 +19,7 @@ pub enum Background<'a> {
 
 impl Background<'_> {
     /// Radiance from a unit world direction.
-    pub fn radiance(&self, direction: [f32; 3]) -> [f32; 3] {
+    pub(crate) fn radiance(&self, direction: [f32; 3]) -> [f32; 3] {
         match self {
             Background::Black => [0.0; 3],
             Background::Uniform(radiance) => *radiance,

@@ -25,11 +25,11 @@ use crate::surface::{AlphaMode, Material, Texture, resolve_alpha};
 /// Pixels along a tile's side.
 pub(super) const TILE: usize = 32;
 /// Most samples of a pixel: a set of samples is 64 bits.
-pub const MAX_SAMPLES: usize = 64;
+pub(crate) const MAX_SAMPLES: usize = 64;
 /// Most BLEND triangles that are drawn over each other in one pixel; farther ones are left out.
-pub const MAX_BLEND_LAYERS: usize = 32;
+pub(crate) const MAX_BLEND_LAYERS: usize = 32;
 /// Largest side of a drawn image.
-pub const MAX_SIDE: usize = 16384;
+pub(crate) const MAX_SIDE: usize = 16384;
 /// Triangles whose box meets more tiles than this are looked at by every tile, so that bins stay small.
 const LARGE_TILES: usize = 64;
 /// Triangles of a job of binning.
@@ -69,7 +69,7 @@ pub struct Visibility {
 
 /// Fixed sample positions in a pixel, 0..1: the first `n` of the (0, 2)-sequence, so every split of the pixel into 16 equal boxes with
 /// power-of-two sides holds one of 16 samples. One sample is the centre. For powers of two from 4 up, runs of n/4 lie in one quadrant each.
-pub fn sample_pattern(n: usize) -> Vec<[f32; 2]> {
+pub(crate) fn sample_pattern(n: usize) -> Vec<[f32; 2]> {
     let cells = n.max(1).next_power_of_two() as f32;
     let bits = cells.log2() as u32;
     let position = |i: u32| {
@@ -103,7 +103,7 @@ pub(super) struct Edges {
 
 impl Edges {
     /// `None` for triangles seen edge on, without area, or not finite.
-    pub fn new([a, b, c]: [[f64; 3]; 3]) -> Option<Self> {
+    pub(crate) fn new([a, b, c]: [[f64; 3]; 3]) -> Option<Self> {
         let planes = [cross(b, c), cross(c, a), cross(a, b)];
         let determinant = dot(a, planes[0]);
         let front = determinant < 0.0;
@@ -112,14 +112,14 @@ impl Edges {
     }
 
     /// Weights of the corners at pixel coordinates, clamped into the triangle (an end of a rounded edge may lie outside by 1e-7).
-    pub fn weights(&self, x: f64, y: f64) -> [f32; 3] {
+    pub(crate) fn weights(&self, x: f64, y: f64) -> [f32; 3] {
         let e = self.planes.map(|[a, b, c]| (c + a * x + b * y).max(0.0));
         let sum = e[0] + e[1] + e[2];
         if sum > 0.0 { e.map(|v| (v / sum) as f32) } else { [1.0 / 3.0; 3] }
     }
 
     /// Derivatives of the weights by x and by y.
-    pub fn weight_gradients(&self, x: f64, y: f64) -> [[f32; 3]; 2] {
+    pub(crate) fn weight_gradients(&self, x: f64, y: f64) -> [[f32; 3]; 2] {
         let e = self.planes.map(|[a, b, c]| c + a * x + b * y);
         let sum = e[0] + e[1] + e[2];
         [0, 1].map(|axis| {

@@ -4,7 +4,7 @@ use crate::chunk::mesh::{Mesh, NO_POINT};
 use crate::surface::{AlphaMode, Material};
 
 /// Plain triangles whose points are their vertices.
-pub struct Soup {
+pub(crate) struct Soup {
     pub position: Vec<[f32; 3]>,
     pub normal: Vec<[f32; 3]>,
     pub triangles: Vec<[u32; 3]>,
@@ -14,7 +14,7 @@ pub struct Soup {
 }
 
 impl Soup {
-    pub fn new(position: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Self {
+    pub(crate) fn new(position: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Self {
         let n = position.len();
         Soup {
             position,
@@ -26,7 +26,7 @@ impl Soup {
         }
     }
 
-    pub fn mesh(&self) -> Mesh<'_> {
+    pub(crate) fn mesh(&self) -> Mesh<'_> {
         Mesh {
             position: &self.position,
             normal: &self.normal,
@@ -39,12 +39,12 @@ impl Soup {
     }
 }
 
-pub fn material(double_sided: bool, alpha_mode: AlphaMode) -> Material {
+pub(crate) fn material(double_sided: bool, alpha_mode: AlphaMode) -> Material {
     Material { double_sided, alpha_mode, metallic: 0.0, ..Material::default() }
 }
 
 /// Looks along −z from z = 5 so that world x, y in −4..4 fill 64 x 64 pixels at z = 0.
-pub fn front_camera() -> Camera {
+pub(crate) fn front_camera() -> Camera {
     let fov = 2.0 * libm::atan(4.0 / 5.0) * 180.0 / std::f64::consts::PI;
     Camera::new([0.0, 0.0, 5.0], [0.0; 3], [0.0, 1.0, 0.0], fov as f32).unwrap()
 }
@@ -102,7 +102,7 @@ fn trace(soup: &Soup, eye: [f64; 3], d: [f64; 3], double_sided: bool) -> (Option
 }
 
 /// Random numbers from a counter.
-pub fn random(i: u32) -> f32 {
+pub(crate) fn random(i: u32) -> f32 {
     let mut x = i.wrapping_mul(0x9E37_79B9) ^ 0x85EB_CA6B;
     for _ in 0..2 {
         x = (x ^ (x >> 15)).wrapping_mul(0x2C1B_3C6D);

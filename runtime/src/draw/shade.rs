@@ -448,14 +448,14 @@ impl Shares {
         shares
     }
 
-    pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, f32)> {
         self.points.into_iter().map(|point| point as usize).zip(self.weights).take(self.n)
     }
 }
 
 /// Light at a place of a surface, before its material.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct PointLight {
+pub(crate) struct PointLight {
     /// Irradiance per channel, W·m⁻².
     pub received: [f32; 3],
     /// `[term][channel]` glossy radiance.
@@ -465,7 +465,7 @@ pub struct PointLight {
 }
 
 /// Radiance toward the unit `view` of a surface in this light.
-pub fn radiance(surface: &SurfaceSample, place: &Place, view: [f32; 3], tables: &[Measured], light: &PointLight) -> [f32; 3] {
+pub(crate) fn radiance(surface: &SurfaceSample, place: &Place, view: [f32; 3], tables: &[Measured], light: &PointLight) -> [f32; 3] {
     let reflected = surface.surface(tables).relit(place, view, light.received, light.glossy, light.coat);
     std::array::from_fn(|k| surface.emissive[k] + reflected[k])
 }

@@ -11,7 +11,7 @@ use super::image::Image;
 const KEY: f32 = 0.8;
 
 /// Rec.709 luminance of a linear colour.
-pub fn luminance(rgb: [f32; 3]) -> f32 {
+pub(crate) fn luminance(rgb: [f32; 3]) -> f32 {
     0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
 }
 

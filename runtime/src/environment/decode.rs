@@ -35,17 +35,17 @@ pub(super) struct Source<'a> {
 
 impl Source<'_> {
     /// An error about this file.
-    pub fn error(&self, what: impl Into<String>, help: &str) -> RuntimeError {
+    pub(crate) fn error(&self, what: impl Into<String>, help: &str) -> RuntimeError {
         RuntimeError::Environment { file: self.file.to_owned(), what: what.into(), help: help.to_owned() }
     }
 
     /// An error for a file that ends too early.
-    pub fn truncated(&self, what: &str) -> RuntimeError {
+    pub(crate) fn truncated(&self, what: &str) -> RuntimeError {
         self.error(format!("the file is cut short: {what}"), "copy or download it again")
     }
 
     /// Fails when `needed` bytes are more than the limit.
-    pub fn check_memory(&self, what: &str, needed: u64) -> Result<(), RuntimeError> {
+    pub(crate) fn check_memory(&self, what: &str, needed: u64) -> Result<(), RuntimeError> {
         if needed <= self.limits.max_bytes {
             return Ok(());
         }
@@ -53,7 +53,7 @@ impl Source<'_> {
     }
 
     /// An empty vector with room for `count` pixels; an error instead of an abort when the system has not that much.
-    pub fn reserve_pixels(&self, count: usize) -> Result<Vec<[f32; 3]>, RuntimeError> {
+    pub(crate) fn reserve_pixels(&self, count: usize) -> Result<Vec<[f32; 3]>, RuntimeError> {
         let mut pixels = Vec::new();
         match pixels.try_reserve_exact(count) {
             Ok(()) => Ok(pixels),

@@ -58,12 +58,12 @@ impl Environment {
     }
 
     /// Radiance of a pixel, times `intensity`.
-    pub fn pixel_radiance(&self, x: usize, y: usize) -> [f32; 3] {
+    pub(crate) fn pixel_radiance(&self, x: usize, y: usize) -> [f32; 3] {
         self.pixels[y * self.width + x].map(|value| (value * self.intensity).min(f32::MAX))
     }
 
     /// Column and row of the pixel that a direction of any length meets.
-    pub fn pixel_from_direction(&self, direction: [f64; 3]) -> (usize, usize) {
+    pub(crate) fn pixel_from_direction(&self, direction: [f64; 3]) -> (usize, usize) {
         let [x, y, z] = direction;
         let turn = libm::atan2(z, x) / (2.0 * PI) + 0.5 + self.rotate_y_deg / 360.0;
         let u = turn - turn.floor();
@@ -93,7 +93,7 @@ impl Environment {
     }
 
     /// Solid angle of one pixel of a row, steradians. All pixels of an image sum to 4π.
-    pub fn pixel_solid_angle(&self, row: usize) -> f64 {
+    pub(crate) fn pixel_solid_angle(&self, row: usize) -> f64 {
         2.0 * PI / self.width as f64 * (self.row_edge_sine(row) - self.row_edge_sine(row + 1))
     }
 }

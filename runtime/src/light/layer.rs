@@ -126,14 +126,14 @@ pub struct Patch<'a> {
 }
 
 /// The chunks of a patch by kind.
-pub trait Factors: Sync {
+pub(crate) trait Factors: Sync {
     /// Plain bytes of a chunk that was proven when the asset was opened; `None` where nothing of the kind was baked.
     fn factor(&self, kind: ChunkKind) -> Option<&[u8]>;
 }
 
 impl<'a> Patch<'a> {
     /// A patch of these arrays, one element per point each.
-    pub fn new(points: Points<'a>, surfaces: PointSurfaces<'a>, factors: &'a dyn Factors) -> Self {
+    pub(crate) fn new(points: Points<'a>, surfaces: PointSurfaces<'a>, factors: &'a dyn Factors) -> Self {
         Patch { points, surfaces, factors }
     }
 
@@ -172,17 +172,17 @@ pub struct Diffuse<'a> {
 impl<'a> Diffuse<'a> {
     /// No light yet, whatever the buffers hold. `irradiance`: `[points][channel][axis]`; `second`: `[points]` second moments of the sum of the
     /// channels (xx, yy, zz, xy, yz, zx), or empty where no normal is bent. Both W·m⁻².
-    pub fn new(irradiance: &'a mut [[[f32; 3]; 3]], second: &'a mut [[f32; 6]]) -> Self {
+    pub(crate) fn new(irradiance: &'a mut [[[f32; 3]; 3]], second: &'a mut [[f32; 6]]) -> Self {
         Diffuse { irradiance, second, is_black: true }
     }
 
     /// Whether second moments are wanted.
-    pub fn has_moments(&self) -> bool {
+    pub(crate) fn has_moments(&self) -> bool {
         !self.second.is_empty()
     }
 
     /// Adds what `write` assigns to every element of the two buffers, which have those lengths.
-    pub fn write(&mut self, write: impl FnOnce(&mut [[[f32; 3]; 3]], &mut [[f32; 6]])) {
+    pub(crate) fn write(&mut self, write: impl FnOnce(&mut [[[f32; 3]; 3]], &mut [[f32; 6]])) {
         if std::mem::take(&mut self.is_black) {
             return write(self.irradiance, self.second);
         }
@@ -219,7 +219,7 @@ impl<'a> Rows<'a> {
     }
 
     /// No memory.
-    pub fn none() -> Self {
+    pub(crate) fn none() -> Self {
         Rows { floats: &mut [], stride: 0, first: 0, len: 0 }
     }
 

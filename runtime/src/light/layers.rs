@@ -22,7 +22,7 @@ struct Placed {
 
 impl Layers {
     /// In this order.
-    pub fn new(layers: Vec<Box<dyn Layer>>) -> Self {
+    pub(crate) fn new(layers: Vec<Box<dyn Layer>>) -> Self {
         let placed = |layer| Placed { layer, diffuse: [0; 2], glossy: [0; 2] };
         let mut layers = Layers { layers: layers.into_iter().map(placed).collect(), ..Layers::default() };
         layers.place();
@@ -30,7 +30,7 @@ impl Layers {
     }
 
     /// Floats that a point's rows of diffuse and of glossy memory have.
-    pub fn row_lengths(&self) -> [usize; 2] {
+    pub(crate) fn row_lengths(&self) -> [usize; 2] {
         [self.diffuse, self.glossy]
     }
 
@@ -44,7 +44,7 @@ impl Layers {
     }
 
     /// Hands options to all; whether diffuse light must be summed anew.
-    pub fn configure(&mut self, options: &LightOptions, light: Option<&LightCubemap>) -> bool {
+    pub(crate) fn configure(&mut self, options: &LightOptions, light: Option<&LightCubemap>) -> bool {
         let mut anew = false;
         for placed in &mut self.layers {
             anew |= placed.layer.configure(options, light);
@@ -54,13 +54,13 @@ impl Layers {
     }
 
     /// Makes a light ready in all.
-    pub fn prepare(&mut self, light: &LightCubemap, before: Option<&LightCubemap>) {
+    pub(crate) fn prepare(&mut self, light: &LightCubemap, before: Option<&LightCubemap>) {
         self.layers.iter_mut().for_each(|placed| placed.layer.prepare(light, before));
         self.place();
     }
 
     /// Diffuse light of a patch; `rows` holds its points' rows.
-    pub fn diffuse(&self, patch: &Patch, held: Held, rows: &mut [f32], out: &mut Diffuse) {
+    pub(crate) fn diffuse(&self, patch: &Patch, held: Held, rows: &mut [f32], out: &mut Diffuse) {
         for Placed { layer, diffuse: [first, len], .. } in &self.layers {
             layer.diffuse(patch, held, &mut Rows::new(rows, self.diffuse, *first, *len), out);
         }
@@ -69,7 +69,7 @@ impl Layers {
     }
 
     /// Glossy light of a patch; `rows` holds its points' rows.
-    pub fn glossy(&self, patch: &Patch, sight: &Sight, rows: &mut [f32], out: &mut [Glossy]) {
+    pub(crate) fn glossy(&self, patch: &Patch, sight: &Sight, rows: &mut [f32], out: &mut [Glossy]) {
         out.fill(Glossy::default());
         for Placed { layer, glossy: [first, len], .. } in &self.layers {
             layer.glossy(patch, sight, &mut Rows::new(rows, self.glossy, *first, *len), out);
@@ -77,13 +77,13 @@ impl Layers {
     }
 
     /// Glossy light of a patch's clear coats.
-    pub fn coat(&self, patch: &Patch, sight: &Sight, out: &mut [Glossy]) {
+    pub(crate) fn coat(&self, patch: &Patch, sight: &Sight, out: &mut [Glossy]) {
         out.fill(Glossy::default());
         self.layers.iter().for_each(|placed| placed.layer.coat(patch, sight, out));
     }
 
     /// Their say between points whose rows are `rows`; `None` where none has any.
-    pub fn between<'a>(&'a self, rows: &'a [f32]) -> Option<Between<'a>> {
+    pub(crate) fn between<'a>(&'a self, rows: &'a [f32]) -> Option<Between<'a>> {
         self.layers.iter().any(|placed| placed.layer.has_between()).then_some(Between { layers: self, rows })
     }
 }
@@ -100,7 +100,7 @@ pub trait BetweenPoints: Sync {
 
 /// The say of layers between the points of an object.
 #[derive(Clone, Copy)]
-pub struct Between<'a> {
+pub(crate) struct Between<'a> {
     layers: &'a Layers,
     rows: &'a [f32],
 }

@@ -15,7 +15,7 @@ pub struct PointLobe<'a> {
 
 impl PointLobe<'_> {
     /// Reflects nothing.
-    pub const NONE: PointLobe<'static> = PointLobe { lobe: Lobe::None, normal: [0.0; 3], tangent: [0.0; 3] };
+    pub(crate) const NONE: PointLobe<'static> = PointLobe { lobe: Lobe::None, normal: [0.0; 3], tangent: [0.0; 3] };
 
     /// An isotropic GGX lobe of a perceptual roughness.
     pub fn ggx(normal: [f32; 3], roughness: f32) -> Self {

@@ -90,7 +90,7 @@ pub struct TexelLobe<'a> {
 
 impl<'a> TexelLobe<'a> {
     /// The lobe before normalising. `v` unit; below the horizon of the normal it is lifted ([`ggx::lift_view`]).
-    pub fn new(point: &PointLobe<'a>, v: [f32; 3], face_resolution: usize) -> Self {
+    pub(crate) fn new(point: &PointLobe<'a>, v: [f32; 3], face_resolution: usize) -> Self {
         let n = point.normal.map(f64::from);
         let v = ggx::lift_view(n, v.map(f64::from));
         let n_dot_v = dot(n, v);
@@ -199,24 +199,24 @@ impl<'a> TexelLobe<'a> {
     }
 
     /// Whether [`TexelLobe::normalise`] would change anything.
-    pub fn needs_normalising(&self) -> bool {
+    pub(crate) fn needs_normalising(&self) -> bool {
         self.normalising > 0.0
     }
 
     /// Directional albedo at F0 = F90 = 1, the mean of the channels: the energy that the lobe stands for.
-    pub fn albedo(&self) -> f64 {
+    pub(crate) fn albedo(&self) -> f64 {
         self.lobe.albedo_terms(self.own_view).as_flattened().iter().map(|term| f64::from(*term)).sum::<f64>() / 3.0
     }
 
     /// Gives the lobe its energy; `sum` is Σ Ω·value over all texels, hidden ones too, before.
-    pub fn normalise(&mut self, sum: f64) {
+    pub(crate) fn normalise(&mut self, sum: f64) {
         if sum > 0.0 {
             self.gain *= 1.0 + (self.albedo() / sum - 1.0) * self.normalising;
         }
     }
 
     /// Value at a unit direction, n·l included, at F0 = F90 = 1, of a lobe without colour. 0 where n·l ≤ 0.
-    pub fn value(&self, l: [f64; 3]) -> f64 {
+    pub(crate) fn value(&self, l: [f64; 3]) -> f64 {
         let [x, y, z] = self.frame.map(|axis| dot(axis, l));
         if z <= 0.0 {
             return 0.0;
@@ -245,7 +245,7 @@ impl<'a> TexelLobe<'a> {
     }
 
     /// Value at a unit direction as the factors of F0 and F90, `[term][channel]`, n·l included.
-    pub fn terms(&self, l: [f64; 3]) -> [[f64; 3]; 2] {
+    pub(crate) fn terms(&self, l: [f64; 3]) -> [[f64; 3]; 2] {
         if let (Shape::Measured, Some(table)) = (self.shape, self.table) {
             return [[0.0; 3], table.value(self.view, self.frame.map(|axis| dot(axis, l))).map(|x| x * self.gain)];
         }

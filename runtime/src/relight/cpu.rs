@@ -21,7 +21,7 @@ pub struct Cpu {
 
 impl Cpu {
     /// With these techniques.
-    pub fn new(techniques: Techniques) -> Self {
+    pub(crate) fn new(techniques: Techniques) -> Self {
         Cpu { techniques }
     }
 

@@ -28,17 +28,17 @@ impl Surfaces {
     }
 
     /// Materials as they are now, as the asset numbers them.
-    pub fn materials(&self) -> &[Material] {
+    pub(crate) fn materials(&self) -> &[Material] {
         &self.materials
     }
 
     /// Materials as they were when the points' averages were made.
-    pub fn baked(&self) -> &[Material] {
+    pub(crate) fn baked(&self) -> &[Material] {
         &self.baked
     }
 
     /// Measured tables: the asset's, then those that were added.
-    pub fn tables(&self) -> &[Measured] {
+    pub(crate) fn tables(&self) -> &[Measured] {
         &self.tables
     }
 
@@ -66,14 +66,14 @@ impl Surfaces {
     }
 
     /// What point `i` of a patch, `point` of the asset, reflects with.
-    pub fn lobe<'b>(&'b self, surfaces: &PointSurfaces, i: usize, point: usize) -> PointLobe<'b> {
+    pub(crate) fn lobe<'b>(&'b self, surfaces: &PointSurfaces, i: usize, point: usize) -> PointLobe<'b> {
         let index = surfaces.material[i] as usize;
         let (material, detail) = (&self.materials[index], self.details.get(point).copied().unwrap_or_default());
         point_lobe(material, self.roughness(index, surfaces.roughness[i]), surfaces.normal[i], &detail, &self.tables)
     }
 
     /// Clear coat of point `i` of a patch, `point` of the asset.
-    pub fn coat(&self, surfaces: &PointSurfaces, i: usize, point: usize) -> PointLobe<'static> {
+    pub(crate) fn coat(&self, surfaces: &PointSurfaces, i: usize, point: usize) -> PointLobe<'static> {
         let detail = self.details.get(point).copied().unwrap_or_default();
         let has_coat = self.materials[surfaces.material[i] as usize].clearcoat > 0.0;
         let lobe = if has_coat { Lobe::Ggx { alpha: [ggx::alpha(detail.coat_roughness); 2] } } else { Lobe::None };
@@ -141,7 +141,7 @@ impl Surfaces {
     }
 
     /// Whether any material has a clear coat.
-    pub fn has_coat(&self) -> bool {
+    pub(crate) fn has_coat(&self) -> bool {
         self.materials.iter().any(|material| material.clearcoat > 0.0)
     }
 }

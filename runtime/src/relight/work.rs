@@ -59,13 +59,13 @@ pub(super) struct Rest<'a, T> {
 
 impl<'a, T> Rest<'a, T> {
     /// One element a point, or none at all.
-    pub fn new(elements: &'a mut [T]) -> Self {
+    pub(crate) fn new(elements: &'a mut [T]) -> Self {
         let per_point = usize::from(!elements.is_empty());
         Rest { elements, per_point }
     }
 
     /// Rows of `per_point`.
-    pub fn rows(elements: &'a mut [T], per_point: usize) -> Self {
+    pub(crate) fn rows(elements: &'a mut [T], per_point: usize) -> Self {
         Rest { elements, per_point }
     }
 
@@ -98,7 +98,7 @@ impl<'a> Part<'a> {
 
 impl Work<'_> {
     /// Shades the patches that hold a wanted point, halves on two threads where there are any; returns how many points that were.
-    pub fn run(&self, mut part: Part) -> usize {
+    pub(crate) fn run(&self, mut part: Part) -> usize {
         if part.patches.len() <= GRAIN || cfg!(not(feature = "parallel")) {
             return self.run_here(part);
         }

@@ -24,7 +24,7 @@ pub const BLOCK_SIDE: usize = 16;
 /// Texels of a block.
 pub const BLOCK_TEXELS: usize = BLOCK_SIDE * BLOCK_SIDE;
 /// Texels of a cell.
-pub const CELL_TEXELS: usize = 16;
+pub(crate) const CELL_TEXELS: usize = 16;
 
 /// Main, u and v axis of a face, and the sign of the main axis.
 pub const fn face_axes(face: usize) -> (usize, usize, usize, f32) {
@@ -93,7 +93,7 @@ pub fn hilbert_from_xy(face_resolution: usize, x: usize, y: usize) -> usize {
 }
 
 /// Texel (x, y) at a position along the Hilbert curve; the inverse of [`hilbert_from_xy`].
-pub fn xy_from_hilbert(face_resolution: usize, position: usize) -> (usize, usize) {
+pub(crate) fn xy_from_hilbert(face_resolution: usize, position: usize) -> (usize, usize) {
     let (mut x, mut y, mut rest) = (0, 0, position);
     let mut side = 1;
     while side < face_resolution {

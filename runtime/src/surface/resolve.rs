@@ -98,7 +98,7 @@ impl SurfaceSample {
     }
 
     /// The lobe alone: what glossy light at a point is computed with.
-    pub fn lobe<'a>(&self, tables: &'a [Measured]) -> Lobe<'a> {
+    pub(crate) fn lobe<'a>(&self, tables: &'a [Measured]) -> Lobe<'a> {
         let alpha = ggx::alpha(self.roughness);
         match self.model {
             Model::Gltf => Lobe::Ggx { alpha: ggx::stretched(alpha, f64::from(self.anisotropy)) },

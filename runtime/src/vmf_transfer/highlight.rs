@@ -24,7 +24,7 @@ use crate::sphere::frame::dot;
 use bytemuck::{Pod, Zeroable};
 
 /// Most that direct light may follow the open sky's: a ratio far above 1 says that the lobe is not where the light comes from.
-pub const MOST_RATIO: f32 = 2.0;
+pub(crate) const MOST_RATIO: f32 = 2.0;
 /// Least n·v that narrows a lobe.
 const LEAST_COSINE: f64 = 0.1;
 
@@ -67,7 +67,7 @@ fn mirrored(n: [f32; 3], v: [f32; 3]) -> [f32; 3] {
 
 impl Highlight {
     /// What a point at `position` keeps for the pixels around it: its direct light alone is `direct`, toward `eye`.
-    pub fn toward(light: &FilteredLight, lobe: &PointLobe, position: [f32; 3], eye: [f32; 3], direct: &Glossy) -> Self {
+    pub(crate) fn toward(light: &FilteredLight, lobe: &PointLobe, position: [f32; 3], eye: [f32; 3], direct: &Glossy) -> Self {
         let view = unit(std::array::from_fn(|k| eye[k] - position[k]));
         view.map_or(Highlight::default(), |view| Highlight::at(light, lobe, view, direct))
     }

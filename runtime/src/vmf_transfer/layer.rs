@@ -20,7 +20,7 @@ const LOBE_FLOATS: usize = size_of::<EyeLobes>() / 4;
 const HIGHLIGHT_FLOATS: usize = size_of::<Highlight>() / 4;
 
 /// Light in von Mises–Fisher lobes.
-pub struct VmfTransfer {
+pub(crate) struct VmfTransfer {
     /// Directions of slices; `None` where no patch has any.
     solid: Option<Icosahedron>,
     /// `None` before the first light, and where it is not looked up.
@@ -31,7 +31,7 @@ pub struct VmfTransfer {
 
 impl VmfTransfer {
     /// A layer for an asset with transfer or without; without, it is there for highlights alone.
-    pub fn new(has_transfer: bool) -> Self {
+    pub(crate) fn new(has_transfer: bool) -> Self {
         let LightOptions { indirect, highlights, .. } = LightOptions::default();
         VmfTransfer { solid: has_transfer.then(|| Icosahedron::new(MAX_LEVEL)), light: None, indirect, highlights }
     }

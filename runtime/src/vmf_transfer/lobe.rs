@@ -28,14 +28,8 @@ pub fn luminance(rgb: [f32; 3]) -> f32 {
 }
 
 impl Lobe {
-    /// Radiance per unit of radiance from direction `s`, sr⁻¹.
-    pub fn eval(&self, s: [f32; 3]) -> [f32; 3] {
-        let density = vmf::eval(self.mu, self.kappa, s);
-        self.weight.map(|weight| weight * density)
-    }
-
     /// ∫ T₀ · T₁ dω, channels added.
-    pub fn dot(&self, other: &Lobe) -> f64 {
+    pub(crate) fn dot(&self, other: &Lobe) -> f64 {
         let product = inner_product(self.kappas(other), self.chord_squared(other));
         (0..3).map(|c| f64::from(self.weight[c]) * f64::from(other.weight[c])).sum::<f64>() * product
     }
@@ -54,7 +48,7 @@ impl Lobe {
     }
 
     /// |μ₀ − μ₁|², 0..=4.
-    pub fn chord_squared(&self, other: &Lobe) -> f64 {
+    pub(crate) fn chord_squared(&self, other: &Lobe) -> f64 {
         vmf::chord_squared(self.mu.map(f64::from), other.mu.map(f64::from))
     }
 

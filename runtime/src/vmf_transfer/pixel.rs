@@ -126,7 +126,7 @@ pub(super) mod tests {
     use crate::sphere::cubemap::{texel_solid_angle, texel_unit_direction};
 
     /// A dark sky with one bright spot about +y.
-    pub fn spot() -> LightCubemap {
+    pub(crate) fn spot() -> LightCubemap {
         let n = 64;
         let mut light = LightCubemap::black(n);
         for i in 0..6 * n * n {

@@ -37,7 +37,7 @@ pub const IRRADIANCE_LOBES: usize = 4;
 /// Lobes of a slice: light that other surfaces scattered diffusely, and glossily.
 pub const SLICE_LOBES: usize = 2;
 /// Level of a point without slices.
-pub const NO_SLICES: u32 = 255;
+pub(crate) const NO_SLICES: u32 = 255;
 
 /// The arrays of one patch, borrowed from its chunk.
 #[derive(Clone, Copy, Debug)]

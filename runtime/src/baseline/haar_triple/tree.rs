@@ -47,16 +47,6 @@ impl HaarTree {
         tree
     }
 
-    /// Squares with detail.
-    pub fn n_nodes(&self) -> usize {
-        self.nodes.len() - 1
-    }
-
-    /// Bytes that it occupies.
-    pub fn bytes(&self) -> usize {
-        size_of_val(&self.nodes[..]) + size_of_val(&self.mean) + size_of_val(&self.root)
-    }
-
     /// The functions at every texel, `[function][6·n²]` in Hilbert order: what the tree means.
     pub fn expand(&self) -> [Vec<f32>; 3] {
         let face = self.face_resolution * self.face_resolution;

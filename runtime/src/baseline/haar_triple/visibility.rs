@@ -62,11 +62,6 @@ impl VisibilityTree {
         VisibilityTree { face_resolution, sum: std::array::from_fn(|face| counts[levels][face]), root, nodes }
     }
 
-    /// Mixed squares.
-    pub fn n_nodes(&self) -> usize {
-        self.nodes.len() - 1
-    }
-
     /// Bytes that it occupies, without its own few words of bookkeeping.
     pub fn bytes(&self) -> usize {
         size_of_val(&self.nodes[1..]) + size_of_val(&self.sum) + size_of_val(&self.root)

@@ -5,7 +5,7 @@ use crate::sphere::cubemap::{BLOCK_SIDE, BLOCK_TEXELS, face_axes, texel_unit_dir
 use std::f64::consts::PI;
 
 /// Sample counts of band-limited blocks: l = 1, 2, 4 along a side.
-pub const SIDES: [usize; 3] = [1, 2, 4];
+pub(crate) const SIDES: [usize; 3] = [1, 2, 4];
 
 /// An environment prepared for paper mode. Everything is planar, by block.
 #[derive(Clone, Debug)]
@@ -78,11 +78,6 @@ impl IflLight {
             })
         });
         IflLight { blocks, node, weight, suffix, direction, flux }
-    }
-
-    /// Blocks: 96 or 384.
-    pub fn blocks(&self) -> usize {
-        self.blocks
     }
 }
 

@@ -43,7 +43,7 @@ pub(super) struct Lobe {
 }
 
 impl Lobe {
-    pub fn new(surface: &Phong, n: [f32; 3], v: [f32; 3]) -> Self {
+    pub(crate) fn new(surface: &Phong, n: [f32; 3], v: [f32; 3]) -> Self {
         let n_dot_v = n[0] * v[0] + n[1] * v[1] + n[2] * v[2];
         let pi = std::f32::consts::PI;
         Lobe {
@@ -57,7 +57,7 @@ impl Lobe {
 
     /// Value times the cosine; nothing branches, so loops over it vectorise.
     #[inline(always)]
-    pub fn value(&self, l: [f32; 3]) -> f32 {
+    pub(crate) fn value(&self, l: [f32; 3]) -> f32 {
         let cosine = self.n[0] * l[0] + self.n[1] * l[1] + self.n[2] * l[2];
         let mirror = self.mirror[0] * l[0] + self.mirror[1] * l[1] + self.mirror[2] * l[2];
         let cosine = if cosine > 0.0 { cosine } else { 0.0 };

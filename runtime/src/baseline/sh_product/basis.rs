@@ -10,7 +10,7 @@ use super::MAX_BANDS;
 use std::f64::consts::{PI, SQRT_2};
 
 /// Points evaluated at once.
-pub const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 
 /// The constants of the recurrences, `[m][l]`.
 #[derive(Clone, Debug)]

@@ -47,9 +47,4 @@ impl ShLight {
         };
         ShLight { bands, product: product.map(symmetric), moment: moment.map(|sums| sums.into_iter().map(|x| x as f32).collect()) }
     }
-
-    /// Bands.
-    pub fn bands(&self) -> usize {
-        self.bands
-    }
 }

@@ -36,9 +36,9 @@ pub use shade::{ShPoints, shade};
 pub use visibility::VisibilityProjector;
 
 /// Coefficients of so many bands.
-pub const fn coefficients(bands: usize) -> usize {
+pub(crate) const fn coefficients(bands: usize) -> usize {
     bands * bands
 }
 
 /// Bands of the larger variant; no more are supported.
-pub const MAX_BANDS: usize = 10;
+pub(crate) const MAX_BANDS: usize = 10;

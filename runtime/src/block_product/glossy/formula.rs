@@ -32,7 +32,7 @@ const ROUGH: f32 = 1.01;
 
 /// [`TexelLobe`] in f32, as the loops need it.
 #[derive(Clone, Debug)]
-pub(crate) struct Lobe<'a> {
+pub struct Lobe<'a> {
     pub shape: Shape,
     pub frame: [[f32; 3]; 3],
     pub view: [f32; 3],
@@ -46,7 +46,7 @@ pub(crate) struct Lobe<'a> {
 }
 
 impl<'a> Lobe<'a> {
-    pub fn new(lobe: &TexelLobe<'a>) -> Self {
+    pub(crate) fn new(lobe: &TexelLobe<'a>) -> Self {
         let exponent = if lobe.shape == Shape::BlinnPhong { 0.5 * lobe.exponent } else { lobe.exponent };
         Lobe {
             shape: lobe.shape,
@@ -78,7 +78,7 @@ pub(crate) struct Registers<L: Lanes> {
 
 impl<L: Lanes> Registers<L> {
     #[inline(always)]
-    pub fn new(lanes: L, lobe: &Lobe) -> Self {
+    pub(crate) fn new(lanes: L, lobe: &Lobe) -> Self {
         let set = |x: f32| lanes.splat(x);
         Registers {
             frame: [
@@ -99,7 +99,7 @@ impl<L: Lanes> Registers<L> {
 
     /// Components of directions in the lobe's frame.
     #[inline(always)]
-    pub fn local(&self, lanes: L, d: [L::V; 3]) -> [L::V; 3] {
+    pub(crate) fn local(&self, lanes: L, d: [L::V; 3]) -> [L::V; 3] {
         let along = |axis: usize| {
             let e = &self.frame[axis];
             lanes.fma(e[2], d[2], lanes.fma(e[1], d[1], lanes.mul(e[0], d[0])))
@@ -109,7 +109,7 @@ impl<L: Lanes> Registers<L> {
 
     /// (1 − |H|/2)⁵, Schlick's share of white.
     #[inline(always)]
-    pub fn schlick(&self, lanes: L, hh: L::V) -> L::V {
+    pub(crate) fn schlick(&self, lanes: L, hh: L::V) -> L::V {
         let t = lanes.max(lanes.fnma(lanes.splat(0.5), lanes.quick_root(hh), self.one), self.zero);
         let tt = lanes.mul(t, t);
         lanes.mul(lanes.mul(tt, tt), t)
@@ -357,7 +357,7 @@ impl Formula for BlinnPhong {
 
 /// A power of r·l.
 #[derive(Clone, Copy)]
-pub(crate) struct Phong;
+pub struct Phong;
 
 /// 1 − r·l, from the chord.
 #[inline(always)]

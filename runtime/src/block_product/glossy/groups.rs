@@ -5,7 +5,7 @@ use crate::light::lanes::WIDTH;
 
 /// Sixteen neighbouring runs of a level and which of them count.
 #[derive(Clone, Copy, Default)]
-pub struct Group {
+pub(crate) struct Group {
     /// Level << 13 | group; levels are 0 blocks, 1 cells, 2 texels, and those below.
     place: u16,
     pub bits: u16,
@@ -13,13 +13,13 @@ pub struct Group {
 
 impl Group {
     #[inline(always)]
-    pub fn new(level: usize, group: usize, bits: u16) -> Self {
+    pub(crate) fn new(level: usize, group: usize, bits: u16) -> Self {
         Group { place: (level << 13 | group) as u16, bits }
     }
 
     /// Level and group.
     #[inline(always)]
-    pub fn place(&self) -> (usize, usize) {
+    pub(crate) fn place(&self) -> (usize, usize) {
         (usize::from(self.place >> 13), usize::from(self.place & 0x1fff))
     }
 }
@@ -28,26 +28,26 @@ impl Group {
 const _: () = assert!(MAX_BLOCKS * WIDTH <= 0x2000);
 
 /// Texels of which some are open in part.
-pub const IN_PART: usize = 3;
+pub(crate) const IN_PART: usize = 3;
 /// Texels that all take the value at their cell, one of the cells summed last.
-pub const GATHERED: usize = 4;
+pub(crate) const GATHERED: usize = 4;
 /// Groups waiting to be summed, so that one loop sums many with the lobe in registers.
-pub struct List {
+pub(crate) struct List {
     pub groups: [Group; List::CAPACITY],
     pub len: usize,
 }
 
 impl List {
-    pub const CAPACITY: usize = 256;
+    pub(crate) const CAPACITY: usize = 256;
     /// What one block may add: its cells, and the texels of each.
-    pub const BLOCK: usize = 1 + WIDTH;
+    pub(crate) const BLOCK: usize = 1 + WIDTH;
 
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         List { groups: [Group::default(); Self::CAPACITY], len: 0 }
     }
 
     #[inline(always)]
-    pub fn push(&mut self, level: usize, group: usize, bits: u16) {
+    pub(crate) fn push(&mut self, level: usize, group: usize, bits: u16) {
         self.groups[self.len] = Group::new(level, group, bits);
         self.len += usize::from(bits != 0);
     }
@@ -55,6 +55,6 @@ impl List {
 
 /// A group's part of an array.
 #[inline(always)]
-pub fn part(values: &[f32], group: usize) -> &[f32; WIDTH] {
+pub(crate) fn part(values: &[f32], group: usize) -> &[f32; WIDTH] {
     &values.as_chunks::<WIDTH>().0[group]
 }

@@ -20,10 +20,10 @@ use crate::light::lanes::{Lanes, WIDTH};
 use crate::sphere::cubemap::BLOCK_TEXELS;
 
 /// Share of all light below which a block's sums are too coarse.
-pub const LEAST: f32 = 1e-4;
+pub(crate) const LEAST: f32 = 1e-4;
 
 /// Up to sixteen of them, planar.
-pub struct OpenParts {
+pub(crate) struct OpenParts {
     /// `[channel · 3 + axis][part]`
     moment: [[f32; WIDTH]; 9],
     /// Sum over the channels.
@@ -32,11 +32,11 @@ pub struct OpenParts {
 }
 
 impl OpenParts {
-    pub const NONE: OpenParts = OpenParts { moment: [[0.0; WIDTH]; 9], flux: [0.0; WIDTH], len: 0 };
+    pub(crate) const NONE: OpenParts = OpenParts { moment: [[0.0; WIDTH]; 9], flux: [0.0; WIDTH], len: 0 };
 
     /// Puts the open part of a mixed block behind the others.
     #[inline(always)]
-    pub fn push<L: Lanes>(&mut self, lanes: L, seen: &Seen, block: usize, point: &PointVisibility, suffix: &[SuffixLine]) {
+    pub(crate) fn push<L: Lanes>(&mut self, lanes: L, seen: &Seen, block: usize, point: &PointVisibility, suffix: &[SuffixLine]) {
         let lines = &suffix[BLOCK_TEXELS * block..=BLOCK_TEXELS * (block + 1)];
         let line = |position: usize| lanes.load(&lines[position].0);
         let (positions, before) = seen.transitions(block, point);
@@ -67,7 +67,7 @@ impl OpenParts {
 
     /// Directions, and flux `[channel]`; of those not in use, 0.
     #[inline(always)]
-    pub fn lights<L: Lanes>(&self, lanes: L) -> ([L::V; 3], [L::V; 3]) {
+    pub(crate) fn lights<L: Lanes>(&self, lanes: L) -> ([L::V; 3], [L::V; 3]) {
         let moment = |channel: usize, axis: usize| lanes.load(&self.moment[3 * channel + axis]);
         let all = |axis: usize| lanes.add(moment(0, axis), lanes.add(moment(1, axis), moment(2, axis)));
         let (x, y, z) = (all(0), all(1), all(2));
@@ -87,7 +87,7 @@ impl OpenParts {
 
     /// Forgets them.
     #[inline(always)]
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.moment.iter_mut().for_each(|moments| moments[..].fill(0.0));
         self.len = 0;
     }

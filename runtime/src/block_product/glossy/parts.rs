@@ -16,7 +16,7 @@ const OFF_CENTRE: f32 = 0.6;
 const SQUARE: f32 = 1e-12;
 
 /// What is known of the blocks of a group, bit by bit.
-pub struct Blocks {
+pub(crate) struct Blocks {
     /// Those that matter.
     pub matters: u16,
     /// Those of which one sample may miss too much.
@@ -26,7 +26,7 @@ pub struct Blocks {
 }
 
 /// What is known of the cells of a block, bit by bit.
-pub struct Tested {
+pub(crate) struct Tested {
     /// Those that matter.
     pub matters: u16,
     /// Those of which one sample may miss too much.
@@ -36,7 +36,7 @@ pub struct Tested {
 }
 
 /// What the tests and the sums need of a lobe.
-pub trait Parts {
+pub(crate) trait Parts {
     /// `group` counts blocks by [`WIDTH`].
     fn blocks<L: Lanes>(&self, lanes: L, blocks: &Level, group: usize, threshold: f32) -> Blocks;
     fn cells<L: Lanes>(&self, lanes: L, cells: &Level, block: usize, threshold: f32) -> Tested;
@@ -72,7 +72,7 @@ fn split<L: Lanes, F: Formula>(lanes: L, lobe: &Registers<L>, lit: L::M, value: 
 }
 
 /// A lobe with a formula.
-pub struct Smooth<'a, F> {
+pub(crate) struct Smooth<'a, F> {
     pub lobe: &'a Lobe<'a>,
     pub formula: std::marker::PhantomData<F>,
 }
@@ -229,7 +229,7 @@ impl<F: Formula> Parts for Smooth<'_, F> {
 }
 
 /// A measured lobe.
-pub struct Table<'a>(pub &'a Lobe<'a>);
+pub(crate) struct Table<'a>(pub &'a Lobe<'a>);
 
 impl Table<'_> {
     #[inline(always)]

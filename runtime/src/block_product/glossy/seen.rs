@@ -23,7 +23,7 @@ pub(super) struct Seen {
 
 impl Seen {
     /// Nothing is seen yet.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Seen {
             groups: 0,
             open: [0; MAX_BLOCKS / WIDTH],
@@ -37,14 +37,14 @@ impl Seen {
     }
 
     /// All of so many blocks.
-    pub fn everything(blocks: usize) -> Self {
+    pub(crate) fn everything(blocks: usize) -> Self {
         let mut seen = Seen { groups: blocks / WIDTH, ..Seen::new() };
         seen.open[..blocks / WIDTH].fill(u16::MAX);
         seen
     }
 
     /// What a point sees.
-    pub fn set(&mut self, point: &PointVisibility) {
+    pub(crate) fn set(&mut self, point: &PointVisibility) {
         self.groups = 2 * point.blocks.len();
         let (mut at, mut first, mut state) = (0, 0u32, false);
         for (word, bits) in point.blocks.iter().enumerate() {
@@ -100,7 +100,7 @@ impl Seen {
 
     /// Positions and corrections of a block's texels that are open in part.
     #[inline(always)]
-    pub fn parts_of<'a>(&self, block: usize, point: Option<&PointVisibility<'a>>) -> Option<(&'a [u8], &'a [i8], u32)> {
+    pub(crate) fn parts_of<'a>(&self, block: usize, point: Option<&PointVisibility<'a>>) -> Option<(&'a [u8], &'a [i8], u32)> {
         let fractions = point?.fractions?;
         if fractions.blocks[block / 32] >> (block % 32) & 1 == 0 {
             return None;
@@ -111,7 +111,7 @@ impl Seen {
 
     /// Adds the texels open in part to a block's cells; returns which cells have some.
     #[inline(always)]
-    pub fn add_parts(&self, block: usize, point: Option<&PointVisibility>, cells: &mut [u16; WIDTH]) -> u16 {
+    pub(crate) fn add_parts(&self, block: usize, point: Option<&PointVisibility>, cells: &mut [u16; WIDTH]) -> u16 {
         let Some((positions, _, _)) = self.parts_of(block, point) else { return 0 };
         let mut some = 0;
         for position in positions {
@@ -123,7 +123,7 @@ impl Seen {
 
     /// Openness of a cell's texels that are not closed; of closed ones, anything. `cell` counts through all blocks.
     #[inline(always)]
-    pub fn weights_of(&self, cell: usize, point: Option<&PointVisibility>) -> [f32; WIDTH] {
+    pub(crate) fn weights_of(&self, cell: usize, point: Option<&PointVisibility>) -> [f32; WIDTH] {
         let mut weights = [1.0; WIDTH];
         if let Some((positions, corrections, steps)) = self.parts_of(cell / WIDTH, point) {
             let own = positions.iter().zip(corrections).filter(|(position, _)| usize::from(**position) / WIDTH == cell % WIDTH);
@@ -138,14 +138,14 @@ impl Seen {
 
     /// Where a mixed block's texels change, and the bit before the first.
     #[inline(always)]
-    pub fn transitions<'a>(&self, block: usize, point: &PointVisibility<'a>) -> (&'a [u8], bool) {
+    pub(crate) fn transitions<'a>(&self, block: usize, point: &PointVisibility<'a>) -> (&'a [u8], bool) {
         let (first, count) = (self.first[block] as usize, usize::from(self.count[block]));
         (&point.positions[first..first + count], self.before[block])
     }
 
     /// Open texels of a block.
     #[inline(always)]
-    pub fn cells_of<L: Lanes>(&self, lanes: L, block: usize, point: Option<&PointVisibility>) -> Cells {
+    pub(crate) fn cells_of<L: Lanes>(&self, lanes: L, block: usize, point: Option<&PointVisibility>) -> Cells {
         let Some(point) = point.filter(|_| self.mixed[block / WIDTH] >> (block % WIDTH) & 1 == 1) else {
             return Cells::WHOLE;
         };

@@ -17,7 +17,7 @@
 use super::{STREAM_PADDING, Walk};
 
 /// Steps from closed to open that a chunk may have: 2, 4, 6 and 8 bits, and not quantised.
-pub const STEPS: [u32; 5] = [3, 15, 63, 255, 64];
+pub(crate) const STEPS: [u32; 5] = [3, 15, 63, 255, 64];
 
 /// The arrays of one patch.
 #[derive(Clone, Copy, Debug)]
@@ -50,7 +50,7 @@ pub struct PointFractions<'a> {
 impl<'a> Fractions<'a> {
     /// One point. Panics if there is no such point.
     #[inline]
-    pub fn point(&self, point: usize) -> PointFractions<'a> {
+    pub(crate) fn point(&self, point: usize) -> PointFractions<'a> {
         let words = self.blocks.len() / (self.start.len() - 1);
         let blocks = &self.blocks[point * words..(point + 1) * words];
         let with: u32 = blocks.iter().map(|word| word.count_ones()).sum();
@@ -107,7 +107,7 @@ impl<'a> PointFractions<'a> {
     }
 
     /// Whether no texel is open in part.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.counts.is_empty()
     }
 

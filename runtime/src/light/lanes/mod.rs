@@ -10,10 +10,10 @@ mod simd;
 use crate::light::SimdPath;
 
 /// Numbers worked on at a time: runs of a group, cells of a block, texels of a cell.
-pub const WIDTH: usize = 16;
+pub(crate) const WIDTH: usize = 16;
 
 /// Instructions for sixteen f32 and sixteen bits.
-pub trait Lanes: Copy {
+pub(crate) trait Lanes: Copy {
     /// Sixteen f32.
     type V: Copy;
     /// Sixteen truths.
@@ -119,7 +119,7 @@ pub trait Lanes: Copy {
 
 /// A block's sixteen cells of 4×4 texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Cells {
+pub(crate) struct Cells {
     /// Bits of each cell's texels.
     pub texels: [u16; WIDTH],
     /// Cells with all texels.
@@ -130,11 +130,11 @@ pub struct Cells {
 
 impl Cells {
     /// All texels.
-    pub const WHOLE: Cells = Cells { texels: [u16::MAX; WIDTH], whole: u16::MAX, none: 0 };
+    pub(crate) const WHOLE: Cells = Cells { texels: [u16::MAX; WIDTH], whole: u16::MAX, none: 0 };
 }
 
 /// Work that is written once for every set of instructions.
-pub trait Kernel {
+pub(crate) trait Kernel {
     /// Its result.
     type Output;
     /// Does it. Must be `#[inline(always)]`, so that it is compiled for the instructions of `lanes`.
@@ -143,7 +143,7 @@ pub trait Kernel {
 
 /// Runs a kernel; `path` must be available.
 #[inline]
-pub fn run<K: Kernel>(path: SimdPath, kernel: K) -> K::Output {
+pub(crate) fn run<K: Kernel>(path: SimdPath, kernel: K) -> K::Output {
     match path {
         #[cfg(target_arch = "x86_64")]
         SimdPath::Avx512 => simd::run_avx512(kernel),
@@ -155,7 +155,7 @@ pub fn run<K: Kernel>(path: SimdPath, kernel: K) -> K::Output {
 
 /// Portable code, one number after the other.
 #[derive(Clone, Copy)]
-pub struct Plain;
+pub(crate) struct Plain;
 
 fn map(a: [f32; WIDTH], f: impl Fn(f32) -> f32) -> [f32; WIDTH] {
     a.map(f)

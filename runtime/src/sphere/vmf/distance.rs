@@ -31,13 +31,13 @@ pub fn distance_squared<T: Real>(alpha: [T; 2], kappa: [T; 2], chord2: T) -> T {
 }
 
 /// ∫ γ₀γ₁ dω, sr⁻¹.
-pub fn inner_product<T: Real>(kappa: [T; 2], chord2: T) -> T {
+pub(crate) fn inner_product<T: Real>(kappa: [T; 2], chord2: T) -> T {
     let norm = (squared_norm(kappa[0]).sqrt()) * squared_norm(kappa[1]).sqrt();
     ln_overlap(kappa, chord2).exp() * norm
 }
 
 /// q = ln of the cosine between the two lobes as vectors, at most 0.
-pub fn ln_overlap<T: Real>(kappa: [T; 2], chord2: T) -> T {
+pub(crate) fn ln_overlap<T: Real>(kappa: [T; 2], chord2: T) -> T {
     let zero = T::of(0.0);
     let sum = kappa[0] + kappa[1];
     if sum == zero {

@@ -15,7 +15,7 @@ use crate::sphere::vmf::peak;
 const CUT: f32 = 9.2;
 
 /// Sources in squares of texels, so that a kernel skips what it cannot reach.
-pub struct Tiles {
+pub(crate) struct Tiles {
     tiles: Vec<Tile>,
     batches: Vec<Batch>,
 }
@@ -35,12 +35,12 @@ struct Batch {
 }
 
 /// Sources of a batch: a multiple of every vector unit's width.
-pub const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 /// Texels along a tile's side.
 const TILE: usize = 4;
 
 impl Tiles {
-    pub fn new(light: &LightCubemap) -> Self {
+    pub(crate) fn new(light: &LightCubemap) -> Self {
         let n = light.face_resolution;
         let mut tiles = Tiles { tiles: Vec::new(), batches: Vec::new() };
         let size = n.min(TILE);
@@ -79,19 +79,19 @@ impl Tiles {
     }
 
     /// Tiles that a kernel of some direction within `around` of a middle may reach.
-    pub fn near(&self, kernel: &Kernel, around: &Cap) -> Vec<usize> {
+    pub(crate) fn near(&self, kernel: &Kernel, around: &Cap) -> Vec<usize> {
         let is_near = |tile: &Tile| !kernel.cap.add(&tile.cap).add(around).excludes(dot(tile.cap.middle, around.middle));
         (0..self.tiles.len()).filter(|i| is_near(&self.tiles[*i])).collect()
     }
 
     /// Σ flux · γ over the tiles given.
-    pub fn gather(&self, path: SimdPath, near: &[usize], d: [f32; 3], kernel: &Kernel) -> [f32; 3] {
+    pub(crate) fn gather(&self, path: SimdPath, near: &[usize], d: [f32; 3], kernel: &Kernel) -> [f32; 3] {
         simd::sum(path, self, near, d, kernel).map(|lanes| kernel.peak * lanes.iter().sum::<f32>())
     }
 
     /// Lane by lane, in units of the kernel's peak. No multiplication is fused with an addition, so every set of instructions gives these bits.
     #[inline(always)]
-    pub fn sum(&self, near: &[usize], d: [f32; 3], kernel: &Kernel) -> [[f32; LANES]; 3] {
+    pub(crate) fn sum(&self, near: &[usize], d: [f32; 3], kernel: &Kernel) -> [[f32; LANES]; 3] {
         let mut sums = [[0.0f32; LANES]; 3];
         for tile in near.iter().map(|i| &self.tiles[*i]) {
             if !kernel.cap.add(&tile.cap).excludes(dot(tile.cap.middle, d)) {
@@ -107,7 +107,7 @@ impl Tiles {
 
 /// Directions about a middle.
 #[derive(Clone, Copy, Debug)]
-pub struct Cap {
+pub(crate) struct Cap {
     middle: [f32; 3],
     /// Of the angle from the middle to the edge; −1 is everything.
     cosine: f32,
@@ -121,7 +121,7 @@ impl Cap {
     }
 
     /// The cap about the mean of some directions that holds them all.
-    pub fn around(directions: impl Iterator<Item = [f32; 3]> + Clone) -> Self {
+    pub(crate) fn around(directions: impl Iterator<Item = [f32; 3]> + Clone) -> Self {
         let mut sum = [0.0; 3];
         directions.clone().for_each(|d| (0..3).for_each(|k| sum[k] += d[k]));
         let length = dot(sum, sum).sqrt();
@@ -150,14 +150,14 @@ impl Cap {
 }
 
 /// What a level is filtered with.
-pub struct Kernel {
+pub(crate) struct Kernel {
     kappa: f32,
     peak: f32,
     cap: Cap,
 }
 
 impl Kernel {
-    pub fn new(kappa: f64) -> Self {
+    pub(crate) fn new(kappa: f64) -> Self {
         // κ (1 − cos) = CUT at the edge.
         Kernel { kappa: kappa as f32, peak: peak(kappa) as f32, cap: Cap::new([0.0; 3], 1.0 - CUT / kappa as f32) }
     }

@@ -5,7 +5,7 @@ use super::gather::{Kernel, LANES, Tiles};
 use crate::light::SimdPath;
 
 /// [`Tiles::sum`] on a path that the CPU has.
-pub fn sum(path: SimdPath, tiles: &Tiles, near: &[usize], d: [f32; 3], kernel: &Kernel) -> [[f32; LANES]; 3] {
+pub(crate) fn sum(path: SimdPath, tiles: &Tiles, near: &[usize], d: [f32; 3], kernel: &Kernel) -> [[f32; LANES]; 3] {
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx2")]
