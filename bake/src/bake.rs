@@ -24,7 +24,7 @@ use crate::progress::{Progress, Stage, check};
 use crate::reach::layer::{MAX_LAYERS, layers};
 use crate::reach::pieces::Pieces;
 use crate::reach::snapshot::Snapshot;
-use crate::reuse::object::{Known, KnownLight, ObjectKey, known_objects, object_keys, snapshot};
+use crate::reuse::object::{Known, KnownPatches, ObjectKey, known_objects, object_keys, snapshot};
 use crate::seal::{self, SceneChunks};
 use crate::trace::{OccluderOptions, Occluders};
 use context::{ActiveTechnique, Context};
@@ -160,7 +160,7 @@ struct Run<'a> {
 
 impl Run<'_> {
     /// Takes over the objects that an earlier bake knows whole; gives what it knows of the patches of others.
-    fn take_known(&mut self, keys: &[Option<ObjectKey>], snapshot: &Snapshot) -> Result<Vec<Option<Box<KnownLight>>>, BakeError> {
+    fn take_known(&mut self, keys: &[Option<ObjectKey>], snapshot: &Snapshot) -> Result<Vec<Option<Box<KnownPatches>>>, BakeError> {
         let rebake = &self.options.rebake;
         // Whoever wants hits checked wants all of them looked up one by one; what is to be measured needs its plan; what a technique adds hangs
         // on the whole scene, which an object's record does not know.
@@ -173,16 +173,16 @@ impl Run<'_> {
                 *object = Some(self.stats.take(*made, &counts));
                 None
             }
-            Known::Light(light) => Some(light),
+            Known::Patches(known) => Some(known),
         });
         Ok(taken.collect())
     }
 
     /// `[objects]` points of those that are missing, 0 of the others.
-    fn count(&self, counts: Option<&[u64]>, missing: &[bool], known: &[Option<Box<KnownLight>>]) -> Result<Vec<u64>, BakeError> {
+    fn count(&self, counts: Option<&[u64]>, missing: &[bool], known: &[Option<Box<KnownPatches>>]) -> Result<Vec<u64>, BakeError> {
         let count = |object: usize| match (&known[object], counts) {
             _ if !missing[object] => Ok(0),
-            (Some(known), _) => Ok(known.light.patches.iter().map(|patch| u64::from(patch.n_points)).sum()),
+            (Some(known), _) => Ok(known.seen.patches.iter().map(|patch| u64::from(patch.n_points)).sum()),
             (None, Some(counts)) => Ok(counts[object]),
             (None, None) => count_object_points(self.scene, self.world, &self.options.points, object),
         };
@@ -193,7 +193,7 @@ impl Run<'_> {
     fn bake_batches(
         &mut self,
         batches: Vec<Vec<usize>>,
-        known: &mut [Option<Box<KnownLight>>],
+        known: &mut [Option<Box<KnownPatches>>],
         estimate: u64,
         baker: &VisibilityBaker,
         context: &Context,
@@ -275,7 +275,7 @@ fn finish(
 /// Plans some objects. `known`: per object, what an earlier bake found.
 fn plan_batch(
     batch: &[usize],
-    known: Vec<Option<Box<KnownLight>>>,
+    known: Vec<Option<Box<KnownPatches>>>,
     estimate: u64,
     world: &World,
     of: &Context,
@@ -283,7 +283,7 @@ fn plan_batch(
 ) -> Result<Vec<ObjectWork>, BakeError> {
     let Context { scene, options, store, progress, .. } = *of;
     let _stage = Stage::begin(progress, "place", Some(estimate), "points");
-    let read = |mut light: Box<KnownLight>| match light.load(store) {
+    let read = |mut light: Box<KnownPatches>| match light.load(store) {
         Ok(()) => Some(light),
         Err(error) => {
             progress.warning(&format!("{error}: traced again"));

@@ -11,7 +11,7 @@ use prelight_runtime::draw::raster::Visibility;
 use prelight_runtime::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use prelight_runtime::environment::{Environment, LightCubemap};
 use prelight_runtime::light::BetweenPoints;
-use prelight_runtime::light::lune::Lune;
+use prelight_runtime::light::lune::BentLight;
 use prelight_runtime::surface::detail::is_bent;
 use prelight_runtime::vmf_transfer::pixel::{EyeLobes, PixelLobes};
 use rayon::prelude::*;
@@ -109,13 +109,13 @@ impl PictureView {
     }
 
     /// What the pixels of normal maps need beside vector irradiance, from direct light: the same for every technique.
-    fn lune(&self, asset: &Asset, light: &LightCubemap, lights: &[PatchLight]) -> Vec<Lune> {
+    fn lune(&self, asset: &Asset, light: &LightCubemap, lights: &[PatchLight]) -> Vec<BentLight> {
         let patches = || self.patches.iter().map(|patch| &asset.patches()[*patch]).zip(lights);
         if !patches().any(|(patch, _)| is_bent(&patch.surfaces(), asset.materials())) {
             return Vec::new();
         }
         let light = Light::prepare(light);
-        let mut lune = vec![Lune::default(); asset.n_points()];
+        let mut lune = vec![BentLight::default(); asset.n_points()];
         for (patch, shaded) in patches().filter(|(patch, _)| is_bent(&patch.surfaces(), asset.materials())) {
             let (n, normal) = (patch.points.len(), patch.points().normal);
             let (mut direct, mut second) = (vec![[[0.0; 3]; 3]; n], vec![[0.0; 6]; n]);
@@ -123,8 +123,8 @@ impl PictureView {
             for at in 0..n {
                 // What a technique adds to direct light comes along the normal.
                 let added = std::array::from_fn(|c| (0..3).map(|k| (shaded.irradiance[at][c][k] - direct[at][c][k]) * normal[at][k]).sum());
-                Lune::add_even(&mut second[at], added);
-                lune[patch.points.start + at] = Lune::new(&shaded.irradiance[at], second[at], normal[at]);
+                BentLight::add_even(&mut second[at], added);
+                lune[patch.points.start + at] = BentLight::new(&shaded.irradiance[at], second[at], normal[at]);
             }
         }
         lune

@@ -77,7 +77,7 @@ pub fn to_json(loaded: &Loaded) -> Vec<Value> {
         json!({
             "object": loaded.scene.objects[choice.object].name, "max_error": choice.budget, "predicted": choice.predicted,
             "at_points": choice.is_declared.then_some(choice.at_points), "edge_length": round(choice.params.edge_length), "points": choice.points,
-            "most_unrest": choice.params.most_unrest.is_finite().then_some(choice.params.most_unrest), "visibility": choice.shades.name(),
+            "max_shadow_gap": choice.params.max_shadow_gap.is_finite().then_some(choice.params.max_shadow_gap), "visibility": choice.shades.name(),
             "declared": choice.is_declared,
         })
     };

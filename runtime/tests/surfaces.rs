@@ -9,7 +9,7 @@ use prelight_runtime::block_product::brdf::PointLobe;
 use prelight_runtime::block_product::{Accuracy, Glossy, Light, SimdPath, shade_diffuse_with, shade_lobes, shade_moments};
 use prelight_runtime::brdf::{Lobe, Measured, blinn_phong, ggx};
 use prelight_runtime::environment::LightCubemap;
-use prelight_runtime::surface::lune::{Bend, Lune};
+use prelight_runtime::surface::lune::{Bend, BentLight};
 
 /// The accuracy is an aim; over these cases no result is farther off than so many times of it.
 const WORST_OF_AIM: f64 = 24.0;
@@ -293,7 +293,7 @@ fn bent_normals_get_the_light_of_the_lune_between_the_two_horizons() {
         let (mut vector, mut second) = ([[[0.0f32; 3]; 3]], [[0.0f32; 6]]);
         shade_moments(SimdPath::detect(), &Light::prepare(texels), &patch.visibility(), &mut vector, &mut second);
         let normal = [0.0, 1.0, 0.0];
-        let lune = Lune::new(&vector[0], second[0], normal);
+        let lune = BentLight::new(&vector[0], second[0], normal);
         for degrees in [0, 10, 20, 30, 40, 50, 60] {
             let beta = f64::from(degrees).to_radians();
             let (mut with, mut without, mut all) = (0.0f64, 0.0f64, 0.0f64);

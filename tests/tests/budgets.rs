@@ -1,8 +1,8 @@
 //! Budgets of error: the planner's choice is the cheapest that meets them, says where it cannot, and holds under other lights.
 
 use prelight_bake::bake::{BakeStats, bake};
-use prelight_bake::budget::candidates::{MARGIN, Question, Subject, rungs};
-use prelight_bake::budget::{Choice, Directions, Drawn, Probes, choose};
+use prelight_bake::budget::candidates::{MARGIN, ObjectInput, ObjectSearch, grid_index};
+use prelight_bake::budget::{Choice, Directions, PlaceSet, Probes, choose};
 use prelight_bake::points::buried::BuriedProbe;
 use prelight_bake::progress::Silent;
 use prelight_bake::trace::{OccluderOptions, Occluders};
@@ -105,8 +105,8 @@ fn directions_are_as_fine_as_the_budgets_ask_and_never_finer_than_what_is_pinned
     assert!(choices[0].is_declared && choices[0].at_points > 0.005, "{choices:?}");
 }
 
-fn question<'a>(subject: &Subject<'a>, probes: &'a Probes, drawn: Drawn) -> Question<'a> {
-    Question::new(subject, probes, Directions::LADDER[0], subject.places(probes, drawn)).unwrap()
+fn question<'a>(subject: &ObjectInput<'a>, probes: &'a Probes, drawn: PlaceSet) -> ObjectSearch<'a> {
+    ObjectSearch::new(subject, probes, Directions::LADDER[0], subject.places(probes, drawn)).unwrap()
 }
 
 #[test]
@@ -117,7 +117,7 @@ fn an_object_that_bits_keep_from_its_budget_is_planned_in_gray_unless_its_shades
     let (steering, solids) = (Probes::steering(64), BuriedProbe::new(&scene, &world));
     let mut options = options(&scene, EDGE);
     let params = options.points.clone();
-    let subject = Subject { scene: &scene, world: &world, occluders: &occluders, solids: &solids, object: 0, own: params[0] };
+    let subject = ObjectInput { scene: &scene, world: &world, occluders: &occluders, solids: &solids, object: 0, own: params[0] };
     let planned = |budget: f64, pinned: [Option<Shades>; 2]| {
         let budgets = [Some(budget), Some(0.5)];
         choose(&scene, &world, &occluders, &params, &budgets, &pinned, &Directions::LADDER[..1], &Silent).unwrap().1
@@ -127,17 +127,17 @@ fn an_object_that_bits_keep_from_its_budget_is_planned_in_gray_unless_its_shades
     let budget = 0.75 * floor / MARGIN;
     let found = |pinned| planned(budget, pinned);
     let (free, bits) = (found([None; 2]), found([Some(Shades::Binary), None]));
-    let at_points = question(&subject, &steering, Drawn::Steering).point_error().judged(0..steering.lights.len());
+    let at_points = question(&subject, &steering, PlaceSet::Steering).point_error().judged(0..steering.lights.len());
     println!("budget {budget:.4}, bits alone {at_points:.4}\n{:?}\n{:?}", free[0], bits[0]);
     assert!(bits[0].is_declared && bits[0].shades == Shades::Binary && bits[0].at_points == at_points);
     assert!(!free[0].is_declared && free[0].shades == Shades::Gray6 && free[0].at_points == 0.0);
     assert_eq!(free[1], bits[1], "what one object takes is nothing to another");
 
     // Refined by bits and traced in gray: nearly what is refined by gray, as the bake does it, comes to.
-    let (length, border) = rungs(&params[0], &free[0].params).expect("one of the candidates");
+    let (length, border) = grid_index(&params[0], &free[0].params).expect("one of the candidates");
     let gray = Directions { shades: Shades::Gray6, ..Directions::LADDER[0] };
-    let [same, elsewhere] = [Drawn::Steering, Drawn::HeldBack].map(|drawn| {
-        let mut question = Question::new(&subject, &steering, gray, subject.places(&steering, drawn)).unwrap();
+    let [same, elsewhere] = [PlaceSet::Steering, PlaceSet::HeldBack].map(|drawn| {
+        let mut question = ObjectSearch::new(&subject, &steering, gray, subject.places(&steering, drawn)).unwrap();
         question.candidate(length, border).unwrap().predicted
     });
     assert!((same - free[0].predicted).abs() < REFINED_BY_BITS * free[0].predicted, "{same} {:?}", free[0]);
@@ -164,8 +164,8 @@ fn errors_fall_as_points_are_added_and_budgets_hold_under_held_back_lights() {
     let occluders = Occluders::build(&world, &scene.textures, OccluderOptions::default());
     let (steering, solids) = (Probes::steering(64), BuriedProbe::new(&scene, &world));
     let own = options(&scene, EDGE).points[0];
-    let subject = Subject { scene: &scene, world: &world, occluders: &occluders, solids: &solids, object: 0, own };
-    let mut floor = question(&subject, &steering, Drawn::Steering);
+    let subject = ObjectInput { scene: &scene, world: &world, occluders: &occluders, solids: &solids, object: 0, own };
+    let mut floor = question(&subject, &steering, PlaceSet::Steering);
     let asked = [(0, 0), (4, 0), (2, 0), (2, 3)];
     let [coarse, fine, plain, bordered] = asked.map(|(length, border)| floor.candidate(length, border).unwrap());
     assert!(fine.predicted < 0.6 * coarse.predicted && fine.predicted > 1e-4, "{coarse:?} {fine:?}");
@@ -178,9 +178,9 @@ fn errors_fall_as_points_are_added_and_budgets_hold_under_held_back_lights() {
     let elsewhere: Vec<f64> = choices
         .iter()
         .map(|choice| {
-            let subject = Subject { object: choice.object, own: options.points[choice.object], ..subject };
-            let (length, border) = rungs(&subject.own, &choice.params).expect("one of the candidates");
-            question(&subject, &steering, Drawn::HeldBack).candidate(length, border).unwrap().predicted
+            let subject = ObjectInput { object: choice.object, own: options.points[choice.object], ..subject };
+            let (length, border) = grid_index(&subject.own, &choice.params).expect("one of the candidates");
+            question(&subject, &steering, PlaceSet::HeldBack).candidate(length, border).unwrap().predicted
         })
         .collect();
     choices.iter().for_each(|choice| options.points[choice.object] = choice.params);

@@ -77,10 +77,10 @@ impl Context<'_> {
             check(self.progress)?;
             let plan = &object.plan;
             if let Some((known, chunks)) = object.standing() {
-                let light = object.light(self.options);
-                let made = chunks.object(self.scene, self.options, plan.object as usize, &known.light);
+                let seen = object.seen(self.options);
+                let made = chunks.object(self.scene, self.options, plan.object as usize, &known.seen);
                 if recorded && let Some(key) = &self.keys[plan.object as usize] {
-                    light.encode(&snapshot).into_iter().for_each(|record| writer.record(key.light, record));
+                    seen.encode(&snapshot).into_iter().for_each(|record| writer.record(key.seen, record));
                 }
                 stage.advance(plan.patches.len() as u64);
                 stats.count(&made, &chunks.counts);
@@ -143,9 +143,9 @@ impl Context<'_> {
                 && technique.is_none()
                 && let Some(key) = &self.keys[plan.object as usize]
             {
-                let light = object.light(self.options);
-                light.encode(&snapshot).into_iter().for_each(|record| writer.record(key.light, record));
-                writer.record(key.chunks(&light.state()), ObjectChunks::new(&made, counts).encode());
+                let seen = object.seen(self.options);
+                seen.encode(&snapshot).into_iter().for_each(|record| writer.record(key.seen, record));
+                writer.record(key.chunks(&seen.state()), ObjectChunks::new(&made, counts).encode());
             }
             stats.count(&made, &counts);
             sealed.push(made);

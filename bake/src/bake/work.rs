@@ -5,7 +5,7 @@ use super::stats::BakeStats;
 use crate::block_product::visibility::baker::{PatchTask, VisibilityBaker, VisibilityRound};
 use crate::block_product::visibility::border::{Breaks, Seen};
 use crate::block_product::visibility::difference::{OpenBits, is_same};
-use crate::budget::{Drawn, ObjectError, PLACES, Places, Probes, measure_baked};
+use crate::budget::{ObjectError, PLACES, PlaceSet, Places, Probes, measure_baked};
 use crate::error::BakeError;
 use crate::factor::plain::{Plain, PlainRound};
 use crate::factor::{FactorRound, PatchChunk};
@@ -18,9 +18,9 @@ use crate::points::differing::{MAX_ROUNDS, split_differing};
 use crate::points::surface::{ObjectSurfaces, point_surfaces};
 use crate::progress::Stage;
 use crate::reach::changes::StalePatch;
-use crate::reach::seen::{LightPatch, LightRecord, PatchReach};
+use crate::reach::seen::{PatchReach, SeenPatch, SeenRecord};
 use crate::reach::shaft::OriginBoxes;
-use crate::reuse::object::{KnownLight, ObjectChunks, ObjectCounts, raster};
+use crate::reuse::object::{KnownPatches, ObjectChunks, ObjectCounts, raster};
 use crate::trace::Occluders;
 use prelight_manifests::Descriptor;
 use prelight_runtime::asset::points::BURIED;
@@ -44,7 +44,7 @@ pub(super) struct ObjectWork {
     /// Likewise: points inside other solids.
     buried: Vec<Vec<u8>>,
     /// What an earlier bake found, as long as edges are split as they were then.
-    known: Option<Box<KnownLight>>,
+    known: Option<Box<KnownPatches>>,
     /// Pairs of points that were asked for leaks and have one.
     differing: Vec<[u32; 2]>,
     /// `[factors][patches]` what the object's technique adds to visibility; empty where it adds nothing, or was not asked yet.
@@ -59,7 +59,7 @@ pub(super) struct ObjectWork {
 }
 
 impl ObjectWork {
-    pub(crate) fn new(plan: ObjectPlan, known: Option<Box<KnownLight>>) -> Self {
+    pub(crate) fn new(plan: ObjectPlan, known: Option<Box<KnownPatches>>) -> Self {
         ObjectWork {
             plan,
             visibility: Vec::new(),
@@ -76,20 +76,20 @@ impl ObjectWork {
     }
 
     /// Whether a patch is not as an earlier bake found it.
-    fn is_changed(&self, known: &KnownLight, patch: usize) -> bool {
-        let before = &known.light.patches[patch];
+    fn is_changed(&self, known: &KnownPatches, patch: usize) -> bool {
+        let before = &known.seen.patches[patch];
         before.visibility.digest != self.visibility[patch].0.digest || before.buried != self.buried[patch]
     }
 
     /// Marks the points of a patch that do not see what they saw, or are buried now or were then. All of them where that cannot be told.
-    fn mark_changed(&self, known: &KnownLight, patch: usize, changed: &mut [bool]) {
+    fn mark_changed(&self, known: &KnownPatches, patch: usize, changed: &mut [bool]) {
         let before = known.visibility.get(patch).and_then(|chunk| Visibility::from_chunk(chunk).ok());
         let now = Visibility::from_chunk(&self.visibility[patch].1).ok();
         let Some((before, now)) = before.zip(now).filter(|(before, now)| before.len() == now.len()) else {
             changed.fill(true);
             return;
         };
-        let (was_buried, is_buried) = (&known.light.patches[patch].buried, &self.buried[patch]);
+        let (was_buried, is_buried) = (&known.seen.patches[patch].buried, &self.buried[patch]);
         for (local, changed) in changed.iter_mut().enumerate() {
             let point = local as u8;
             *changed = !is_same(&before.point(local), &now.point(local)) || was_buried.contains(&point) != is_buried.contains(&point);
@@ -98,7 +98,7 @@ impl ObjectWork {
 
     /// The earlier bake whose chunks this object still has, but for those of light: all patches so far are as they were, and no other was
     /// touched. Nothing is left to do then.
-    pub(crate) fn standing(&self) -> Option<(&KnownLight, &ObjectChunks)> {
+    pub(crate) fn standing(&self) -> Option<(&KnownPatches, &ObjectChunks)> {
         let known = self.known.as_deref()?;
         let n = self.visibility.len();
         let same = !known.touched[n..].contains(&true) && (0..n).all(|patch| !self.is_changed(known, patch));
@@ -108,43 +108,43 @@ impl ObjectWork {
     /// Points of the finished object.
     pub(crate) fn n_points(&self) -> u64 {
         match self.standing() {
-            Some((known, _)) => known.light.patches.iter().map(|patch| u64::from(patch.n_points)).sum(),
+            Some((known, _)) => known.seen.patches.iter().map(|patch| u64::from(patch.n_points)).sum(),
             None => self.plan.n_points() as u64,
         }
     }
 
     /// The chunks of an earlier bake, if this finished object is split as it was then.
-    pub(crate) fn chunks_before(&self) -> Option<(&KnownLight, &ObjectChunks)> {
-        let known = self.known.as_deref().filter(|known| known.light.patches.len() == self.visibility.len())?;
+    pub(crate) fn chunks_before(&self) -> Option<(&KnownPatches, &ObjectChunks)> {
+        let known = self.known.as_deref().filter(|known| known.seen.patches.len() == self.visibility.len())?;
         Some(known).zip(known.chunks.as_ref())
     }
 
     /// Whether a patch has the buried points that an earlier bake found.
-    pub(crate) fn is_buried_as(&self, known: &KnownLight, patch: usize) -> bool {
-        known.light.patches[patch].buried == self.buried[patch]
+    pub(crate) fn is_buried_as(&self, known: &KnownPatches, patch: usize) -> bool {
+        known.seen.patches[patch].buried == self.buried[patch]
     }
 
     /// What is recorded of the finished object.
-    pub(crate) fn light(&self, options: &BakeOptions) -> LightRecord {
-        let patch = |index: usize| LightPatch {
+    pub(crate) fn seen(&self, options: &BakeOptions) -> SeenRecord {
+        let patch = |index: usize| SeenPatch {
             n_points: self.plan.patches[index].n_points,
             visibility: self.visibility[index].0.clone(),
             buried: self.buried[index].clone(),
             reach: self.reaches[index].clone(),
         };
-        let mut patches: Vec<LightPatch> = (0..self.visibility.len()).map(patch).collect();
+        let mut patches: Vec<SeenPatch> = (0..self.visibility.len()).map(patch).collect();
         let mut differing = self.differing.clone();
         if let Some((known, _)) = self.standing() {
-            let after = |patch: &LightPatch| {
+            let after = |patch: &SeenPatch| {
                 let reach = patch.reach.after(&known.edit.changes, patch.reach.buried, raster(options, self.plan.object));
-                LightPatch { reach, ..patch.clone() }
+                SeenPatch { reach, ..patch.clone() }
             };
-            patches.extend(known.light.patches[patches.len()..].iter().map(after));
-            differing.clone_from(&known.light.differing);
+            patches.extend(known.seen.patches[patches.len()..].iter().map(after));
+            differing.clone_from(&known.seen.differing);
         }
         differing.sort_unstable();
         differing.dedup();
-        LightRecord { patches, differing }
+        SeenRecord { patches, differing }
     }
 
     /// With its first patches alone, which have been traced.
@@ -164,7 +164,7 @@ impl ObjectWork {
     ) -> Result<ObjectError, BakeError> {
         let patches: Vec<Visibility> = self.visibility.iter().map(|(_, chunk)| Visibility::from_chunk(chunk)).collect::<Result<_, _>>()?;
         let edge_length = options.points[self.plan.object as usize].edge_length;
-        let places = Places::new(&self.plan.base, world, occluders, solids, edge_length, probes, PLACES, Drawn::HeldBack);
+        let places = Places::new(&self.plan.base, world, occluders, solids, edge_length, probes, PLACES, PlaceSet::HeldBack);
         let (sums, grid) = (measure_baked(&self.plan, &patches, &places, probes), places.grid_error(occluders, probes));
         Ok(ObjectError { object: self.plan.object as usize, sums, grid })
     }
@@ -224,7 +224,7 @@ impl ObjectWork {
             Some(Seen { position, normal, visibility: visibility.point((i - first[patch]) as usize) })
         };
         let is_buried = |i: u32| self.plan.flags[i as usize] & BURIED != 0;
-        let breaks = Breaks::new(face_resolution as usize, params.most_unrest);
+        let breaks = Breaks::new(face_resolution as usize, params.max_shadow_gap);
         let bits = RefCell::new(OpenBits::new(6 * (face_resolution * face_resolution) as usize));
         let direct = |a: u32, b: u32| {
             let (Some(seen_a), Some(seen_b)) = (seen(a), seen(b)) else { return false };
@@ -269,7 +269,7 @@ impl ObjectWork {
             return Err(BakeError::from(error));
         }
         // Which points a coarser bake adds hangs on more than its edges: as long as no patch has changed they are the same.
-        let is_as_before = |known: &KnownLight| (0..self.visibility.len()).all(|patch| !self.is_changed(known, patch));
+        let is_as_before = |known: &KnownPatches| (0..self.visibility.len()).all(|patch| !self.is_changed(known, patch));
         let goes_on = match &recall {
             Some(recall) => !recall.has_gained.get(),
             None => params.coarser && self.known.as_deref().is_some_and(is_as_before),
@@ -295,7 +295,7 @@ impl ObjectWork {
 
 /// Answers of an earlier bake about edges.
 struct Recall<'a> {
-    known: &'a KnownLight,
+    known: &'a KnownPatches,
     /// `[points]` those that do not see what they saw.
     changed: Vec<bool>,
     /// `[points]` those that differed from some other.
@@ -308,7 +308,7 @@ struct Recall<'a> {
 }
 
 impl<'a> Recall<'a> {
-    fn new(object: &ObjectWork, known: &'a KnownLight) -> Self {
+    fn new(object: &ObjectWork, known: &'a KnownPatches) -> Self {
         let (mut changed, mut differed) = (vec![false; object.plan.n_points()], vec![false; object.plan.n_points()]);
         for (index, patch) in object.plan.patches.iter().enumerate().take(object.visibility.len()) {
             if object.is_changed(known, index) {
@@ -316,7 +316,7 @@ impl<'a> Recall<'a> {
             }
         }
         // Points of later rounds are not there yet.
-        for point in known.light.differing.as_flattened() {
+        for point in known.seen.differing.as_flattened() {
             if let Some(differed) = differed.get_mut(*point as usize) {
                 *differed = true;
             }
@@ -326,7 +326,7 @@ impl<'a> Recall<'a> {
 
     fn answer(&self, pair: [u32; 2], ask: impl Fn() -> bool) -> bool {
         let [a, b] = pair.map(|point| point as usize);
-        let before = self.differed[a] && self.differed[b] && self.known.light.differing.binary_search(&pair).is_ok();
+        let before = self.differed[a] && self.differed[b] && self.known.seen.differing.binary_search(&pair).is_ok();
         if !self.changed[a] && !self.changed[b] {
             return before;
         }

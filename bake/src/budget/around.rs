@@ -51,7 +51,7 @@ pub(super) fn refine_around(
     let holders = held(&plan.refined);
     let mut near = plan.clone();
     let (breaks, scratch) =
-        (Breaks::new(tracing.directions.face_resolution as usize, params.most_unrest), RefCell::new(Default::default()));
+        (Breaks::new(tracing.directions.face_resolution as usize, params.max_shadow_gap), RefCell::new(Default::default()));
     let differ = |near: &ObjectPlan, a: u32, b: u32| {
         let traced = [a, b].map(|i| tracing.point(near, i));
         let chunks = [0, 1].map(|k| traced[k].visibility());

@@ -11,7 +11,7 @@
 use super::around::refine_around;
 use super::directions::Directions;
 use super::measure::{Sums, measure_planned};
-use super::places::{Drawn, Places};
+use super::places::{PlaceSet, Places};
 use super::probes::Probes;
 use super::traced::Tracing;
 use crate::error::BakeError;
@@ -73,17 +73,17 @@ pub(crate) fn params(own: &PointParams, length: usize, border: usize) -> PointPa
     }
     // In units of this candidate's own edges; short ones may be divided as well.
     let area_floor = at_length.area_floor.min(FINEST / LENGTHS[length]).min(SHORTEST);
-    PointParams { area_floor, most_unrest: BORDERS[border] * own.edge_length * own.edge_length, ..at_length }
+    PointParams { area_floor, max_shadow_gap: BORDERS[border] * own.edge_length * own.edge_length, ..at_length }
 }
 
 /// Which edge length and border give some parameters, if any.
-pub fn rungs(own: &PointParams, of: &PointParams) -> Option<(usize, usize)> {
+pub fn grid_index(own: &PointParams, of: &PointParams) -> Option<(usize, usize)> {
     let mut all = (0..LENGTHS.len()).flat_map(|length| (0..BORDERS.len()).map(move |border| (length, border)));
     all.find(|(length, border)| params(own, *length, *border) == *of)
 }
 
 /// An object whose candidates are asked for: what they share is found once.
-pub struct Question<'a> {
+pub struct ObjectSearch<'a> {
     scene: &'a Scene,
     world: &'a World,
     object: usize,
@@ -99,7 +99,7 @@ pub struct Question<'a> {
 
 /// An object, and what blocks its light.
 #[derive(Clone, Copy)]
-pub struct Subject<'a> {
+pub struct ObjectInput<'a> {
     /// Whose materials count.
     pub scene: &'a Scene,
     /// Its triangles.
@@ -114,26 +114,26 @@ pub struct Subject<'a> {
     pub own: PointParams,
 }
 
-impl Subject<'_> {
+impl ObjectInput<'_> {
     /// Where the object is judged, and what is true there.
-    pub fn places(&self, probes: &Probes, drawn: Drawn) -> Places {
+    pub fn places(&self, probes: &Probes, drawn: PlaceSet) -> Places {
         let base = BaseMesh::build(self.scene, self.world, self.object);
         Places::new(&base, self.world, self.occluders, self.solids, self.own.edge_length, probes, PLACES, drawn)
     }
 }
 
-impl<'a> Question<'a> {
+impl<'a> ObjectSearch<'a> {
     /// At the subject's own `places`.
     ///
     /// # Errors
     /// An object that cannot be planned.
-    pub fn new(subject: &Subject<'a>, probes: &'a Probes, directions: Directions, places: Places) -> Result<Self, BakeError> {
-        let Subject { scene, world, occluders, solids, object, own } = *subject;
+    pub fn new(subject: &ObjectInput<'a>, probes: &'a Probes, directions: Directions, places: Places) -> Result<Self, BakeError> {
+        let ObjectInput { scene, world, occluders, solids, object, own } = *subject;
         let coarsest = plan_object(scene, world, object, &params(&own, 0, 0))?;
         let tracing = Tracing::new(occluders, probes, solids, own.edge_length, directions);
         let own_points = count_object(&coarsest.base, &own, u64::MAX).points;
         let plans = std::array::from_fn(|length| [(length == 0).then(|| coarsest.clone()), None]);
-        Ok(Question { scene, world, object, own, probes, places, tracing, own_points, plans })
+        Ok(ObjectSearch { scene, world, object, own, probes, places, tracing, own_points, plans })
     }
 
     /// Whether a budget may ask for an edge length.
@@ -167,7 +167,7 @@ impl<'a> Question<'a> {
     /// A candidate that is known already, at other shades: refined by the question's, and only then traced.
     ///
     /// # Errors
-    /// As [`Question::candidate`].
+    /// As [`ObjectSearch::candidate`].
     pub(super) fn in_shades(&mut self, known: &Candidate, tracing: &Tracing) -> Result<Candidate, BakeError> {
         let (mut near, points) = self.around(known.length, known.border)?;
         near.flags.iter_mut().for_each(|flags| *flags &= !BURIED);
@@ -192,7 +192,7 @@ impl<'a> Question<'a> {
         Ok(self.asked(length, border)?.0)
     }
 
-    /// [`Question::candidate`] and its sums under each light.
+    /// [`ObjectSearch::candidate`] and its sums under each light.
     ///
     /// # Errors
     /// As `candidate`.

@@ -1,10 +1,10 @@
 //! Which candidate meets a budget; see [`super`].
 
-use super::candidates::{BORDERS, Candidate, LENGTHS, Question, Subject};
+use super::candidates::{BORDERS, Candidate, LENGTHS, ObjectInput, ObjectSearch};
 use super::directions::{Asked, Directions, enough, least};
-use super::gray::{GRAY, in_gray};
+use super::gray::{GRAY, search_gray};
 use super::measure::Sums;
-use super::places::Drawn;
+use super::places::PlaceSet;
 use super::probes::Probes;
 use super::traced::Tracing;
 use crate::error::BakeError;
@@ -64,7 +64,7 @@ pub fn choose(
 ) -> Result<(Directions, Vec<Choice>), BakeError> {
     let solids = BuriedProbe::new(scene, world);
     let own = |object: usize, directions: Directions| Directions { shades: pinned[object].unwrap_or(directions.shades), ..directions };
-    let subject = |object: usize| Subject { scene, world, occluders, solids: &solids, object, own: params[object] };
+    let subject = |object: usize| ObjectInput { scene, world, occluders, solids: &solids, object, own: params[object] };
     let mut faces: Vec<u32> = allowed.iter().map(|directions| directions.face_resolution).collect();
     faces.dedup();
     let all_probes: Vec<Probes> = faces.into_iter().map(Probes::steering).collect();
@@ -73,7 +73,7 @@ pub fn choose(
     let asked = |&(object, budget): &(usize, f64)| {
         check(progress)?;
         let asked =
-            Asked { budget, edge_length: params[object].edge_length, places: subject(object).places(&all_probes[0], Drawn::Steering) };
+            Asked { budget, edge_length: params[object].edge_length, places: subject(object).places(&all_probes[0], PlaceSet::Steering) };
         let allowed: Vec<Directions> = allowed.iter().map(|directions| own(object, *directions)).collect();
         let found = if allowed.len() > 1 { enough(&asked, &allowed, &all_probes, occluders, &solids) } else { 0 };
         stage.advance(1);
@@ -88,7 +88,7 @@ pub fn choose(
     let stage = Stage::begin(progress, "budget", Some(wanted.len() as u64), "objects");
     let choices = wanted.par_iter().zip(asked).with_max_len(1).map(|(&(object, budget), asked)| {
         let directions = own(object, directions);
-        let mut question = Question::new(&subject(object), probes, directions, asked.places)?;
+        let mut question = ObjectSearch::new(&subject(object), probes, directions, asked.places)?;
         let mut known: Vec<(Candidate, Sums)> = Vec::new();
         let ask = |length: usize, border: usize| {
             check(progress)?;
@@ -107,7 +107,7 @@ pub fn choose(
             let gray = Tracing::new(occluders, probes, &solids, params[object].edge_length, gray);
             if pinned[object].is_none()
                 && shades == Shades::Binary
-                && let Some(better) = in_gray(&mut question, &gray, &known, &found, &at_points, budget, progress)?
+                && let Some(better) = search_gray(&mut question, &gray, &known, &found, &at_points, budget, progress)?
             {
                 (found, shades) = (better, GRAY);
                 at_points = if found.meets(budget) { Sums::default() } else { question.point_error_in(&gray) };

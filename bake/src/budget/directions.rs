@@ -18,7 +18,7 @@ use super::places::Places;
 use super::probes::Probes;
 use super::traced::Tracing;
 use crate::block_product::visibility::encode::{encode, encode_gray};
-use crate::block_product::visibility::gray::PatchParts;
+use crate::block_product::visibility::gray::GrayTexels;
 use crate::points::buried::BuriedProbe;
 use crate::trace::{Occluders, Scratch, TraceOrigin};
 use prelight_manifests::quality::Shades;
@@ -54,7 +54,7 @@ impl Directions {
         };
         occluders.open_samples(from, n, scratch, open, parts);
         let is_open = open.iter().any(|word| *word != 0);
-        let parts = PatchParts { sampled: vec![std::mem::take(parts)], copied: vec![Vec::new()] };
+        let parts = GrayTexels { sampled: vec![std::mem::take(parts)], copied: vec![Vec::new()] };
         let levels = parts.levels(0, n, steps, open);
         (encode_gray(n, open, &[levels], steps), is_open)
     }

@@ -17,7 +17,7 @@
 //! Where none meets, the best of them is taken if it comes to [`WORTH`] of the floor of bits; else bits stay. The object is declared either way.
 //! Prices are points: within one depth of bits, bytes are in proportion to them, and gray is never weighed against bits that meet.
 
-use super::candidates::{Candidate, MARGIN, Question};
+use super::candidates::{Candidate, MARGIN, ObjectSearch};
 use super::measure::Sums;
 use super::traced::Tracing;
 use crate::error::BakeError;
@@ -40,8 +40,8 @@ const NEAR_FLOOR: f64 = 1.25;
 ///
 /// # Errors
 /// A candidate that cannot be planned; [`BakeError::Cancelled`], asked for before each: one takes seconds.
-pub(super) fn in_gray(
-    question: &mut Question,
+pub(super) fn search_gray(
+    question: &mut ObjectSearch,
     gray: &Tracing,
     known: &[(Candidate, Sums)],
     found: &Candidate,

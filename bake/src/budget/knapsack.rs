@@ -9,9 +9,9 @@
 //! Both have the same technique, directions and bits on every object, those without a budget, so bytes and counted work are in proportion to points: one figure stands for all three.
 //! What is declared is counted on both sides as the planner has it: it meets nothing, and no setting is judged by it.
 
-use super::candidates::{BORDERS, Candidate, LENGTHS, Question, Subject};
+use super::candidates::{BORDERS, Candidate, LENGTHS, ObjectInput, ObjectSearch};
 use super::directions::Directions;
-use super::places::Drawn;
+use super::places::PlaceSet;
 use super::probes::Probes;
 use crate::error::BakeError;
 use crate::mesh::PointParams;
@@ -67,9 +67,9 @@ pub fn candidates(
     let (probes, solids) = (Probes::steering(face_resolution), BuriedProbe::new(scene, world));
     let stage = Stage::begin(progress, "candidates", Some(scene.objects.len() as u64), "objects");
     let object = |object: usize| {
-        let subject = Subject { scene, world, occluders, solids: &solids, object, own: params[object] };
+        let subject = ObjectInput { scene, world, occluders, solids: &solids, object, own: params[object] };
         let directions = Directions { face_resolution, shades: shades[object] };
-        let mut question = Question::new(&subject, &probes, directions, subject.places(&probes, Drawn::Steering))?;
+        let mut question = ObjectSearch::new(&subject, &probes, directions, subject.places(&probes, PlaceSet::Steering))?;
         let mut all: Vec<Candidate> = Vec::new();
         for length in 0..LENGTHS.len() {
             let is_allowed = question.allows(length)?;
@@ -107,7 +107,7 @@ pub fn contest(objects: &[Vec<Candidate>], budget: f64) -> Contest {
         declared: declared.len(),
         planner_points: met.iter().filter_map(cheapest).sum(),
         single_share: setting.map_or(1.0, |candidate| LENGTHS[candidate.length]),
-        single_unrest: setting.map(|candidate| BORDERS[candidate.border]).filter(|unrest| unrest.is_finite()),
+        single_unrest: setting.map(|candidate| BORDERS[candidate.border]).filter(|shadow_gap| shadow_gap.is_finite()),
         single_points: if n == 0 { 0 } else { total(single) },
         plain_points: plain,
     }

@@ -38,6 +38,6 @@ pub use candidates::PLACES;
 pub use choose::{Choice, choose};
 pub use directions::Directions;
 pub use measure::{ObjectError, Sums, measure_baked, measure_planned};
-pub use places::{Drawn, Places};
+pub use places::{PlaceSet, Places};
 pub use probes::Probes;
 pub use traced::Tracing;

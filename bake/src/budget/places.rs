@@ -1,7 +1,7 @@
 //! Places at which an object's error is measured, and the light that is truly there.
 //!
 //! Strata of equal area over the base triangles, one place in each, drawn by the object's name: all candidates are judged at the same places, so that
-//! their figures differ by what they show alone; the finished bake at others, which chose nothing ([`Drawn`]). *True* is the sum over 128² texels,
+//! their figures differ by what they show alone; the finished bake at others, which chose nothing ([`PlaceSet`]). *True* is the sum over 128² texels,
 //! each as far open as 8×8 rays from the place itself find it.
 
 use super::directions::Work;
@@ -23,7 +23,7 @@ const GRID_STRIDE: usize = 12;
 
 /// Which of two independent draws.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Drawn {
+pub enum PlaceSet {
     /// For what candidates are judged by.
     Steering,
     /// For what finished bakes are judged by.
@@ -67,7 +67,7 @@ impl Places {
         edge_length: f32,
         probes: &Probes,
         n: usize,
-        drawn: Drawn,
+        drawn: PlaceSet,
     ) -> Self {
         let mut area = 0.0;
         let twice = |id: u32| area_normal(&world.positions[id as usize]).length();

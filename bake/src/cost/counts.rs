@@ -152,9 +152,9 @@ impl<'a> Counter<'a> {
 
 /// Named one by one: a new knob must find its way into the name.
 fn name_of(params: &PointParams, enough: u64) -> [u8; 16] {
-    let PointParams { edge_length, normal_angle_deg, area_floor, max_level, coarser, quarters, most_unrest, max_triangles } = *params;
+    let PointParams { edge_length, normal_angle_deg, area_floor, max_level, coarser, quarters, max_shadow_gap, max_triangles } = *params;
     let mut hasher = Hasher::new("prelight count");
-    hasher.floats(&[edge_length, normal_angle_deg, area_floor, most_unrest]);
+    hasher.floats(&[edge_length, normal_angle_deg, area_floor, max_shadow_gap]);
     hasher.words(&[max_level, u32::from(coarser) | u32::from(quarters) << 1, max_triangles]);
     hasher.bytes(&enough.to_le_bytes());
     hasher.finish_short()

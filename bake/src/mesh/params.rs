@@ -21,7 +21,7 @@ pub struct PointParams {
     /// Where the mesh is finer than `edge_length`, only some of its points are baked, the others interpolate.
     pub coarser: bool,
     /// Unrest of an edge, m²·sr, above which the borders of shadows split it down to the floor ([`crate::block_product::visibility::border`]); infinite: never.
-    pub most_unrest: f32,
+    pub max_shadow_gap: f32,
     /// Triangles with an edge whose ends differ are cut in four, as in \[LD09\], in the place of edges in two. For its chart: it makes more points.
     pub quarters: bool,
     /// Refined triangles of one object; more is an error that says so, not an allocation.
@@ -37,7 +37,7 @@ impl PointParams {
             area_floor: knobs.area_floor as f32,
             max_level: DEEPEST_LEVEL,
             coarser: knobs.coarser,
-            most_unrest: f32::INFINITY,
+            max_shadow_gap: f32::INFINITY,
             quarters: false,
             max_triangles: 1 << 26,
         }
@@ -68,8 +68,8 @@ impl PointParams {
         if self.max_level > DEEPEST_LEVEL {
             return error("max_level", self.max_level.into(), "0..=15");
         }
-        if self.most_unrest.is_nan() || self.most_unrest < 0.0 {
-            return error("most_unrest", self.most_unrest.into(), "0 or more");
+        if self.max_shadow_gap.is_nan() || self.max_shadow_gap < 0.0 {
+            return error("max_shadow_gap", self.max_shadow_gap.into(), "0 or more");
         }
         Ok(())
     }

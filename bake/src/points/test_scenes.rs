@@ -101,7 +101,7 @@ pub(crate) fn params(edge_length: f32) -> PointParams {
         max_level: 15,
         coarser: false,
         quarters: false,
-        most_unrest: f32::INFINITY,
+        max_shadow_gap: f32::INFINITY,
         max_triangles: 1 << 24,
     }
 }

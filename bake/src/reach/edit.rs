@@ -23,17 +23,17 @@ use std::sync::{Arc, OnceLock};
 
 /// What was done to a scene since a bake.
 #[derive(Debug, Default)]
-pub(crate) struct Edit {
+pub(crate) struct SceneDiff {
     /// Pieces that only one of the two has.
     pub changes: Changes,
     /// Objects that pieces which are gone belonged to, with the bounds of those pieces; `None` where one is not known.
-    gone: Option<Vec<Gone>>,
+    gone: Option<Vec<RemovedObject>>,
     traced: OnceLock<EditOccluders>,
 }
 
 /// An object as it was.
 #[derive(Clone, Debug)]
-struct Gone {
+struct RemovedObject {
     base: Descriptor,
     world_from_local: [f64; 16],
     bounds: Vec<Bounds>,
@@ -48,20 +48,20 @@ pub(crate) struct EditOccluders {
     pub gone: Option<Occluders>,
 }
 
-impl Edit {
+impl SceneDiff {
     /// From one snapshot to another.
-    pub(crate) fn new(then: &Snapshot, now: &Snapshot) -> Edit {
+    pub(crate) fn new(then: &Snapshot, now: &Snapshot) -> SceneDiff {
         let changes = then.changes(now);
-        let mut gone: BTreeMap<(Digest, [u64; 16]), Gone> = BTreeMap::new();
+        let mut gone: BTreeMap<(Digest, [u64; 16]), RemovedObject> = BTreeMap::new();
         let mut add = |piece: &SnapshotPiece| {
             let source = then.source(piece)?;
             let placed = source.world_from_local.map(f64::to_bits);
-            let new = || Gone { base: source.base.clone(), world_from_local: source.world_from_local, bounds: Vec::new() };
+            let new = || RemovedObject { base: source.base.clone(), world_from_local: source.world_from_local, bounds: Vec::new() };
             gone.entry((source.base.digest, placed)).or_insert_with(new).bounds.push(piece.bounds);
             Some(())
         };
         let all_known = changes.gone.iter().all(|piece| add(piece).is_some());
-        Edit { changes, gone: all_known.then(|| gone.into_values().collect()), traced: OnceLock::new() }
+        SceneDiff { changes, gone: all_known.then(|| gone.into_values().collect()), traced: OnceLock::new() }
     }
 
     /// Cuts the trees, once.
@@ -72,7 +72,7 @@ impl Edit {
         });
     }
 
-    /// What [`Edit::prepare`] cut.
+    /// What [`SceneDiff::prepare`] cut.
     pub(crate) fn occluders(&self) -> Option<&EditOccluders> {
         self.traced.get()
     }
@@ -98,7 +98,7 @@ fn holds(boxes: &[Bounds], corners: &[[f32; 3]; 3]) -> bool {
 }
 
 /// `None` where a chunk is not there or not whole.
-fn gone_occluders(gone: &[Gone], options: OccluderOptions, store: &Store) -> Option<Occluders> {
+fn gone_occluders(gone: &[RemovedObject], options: OccluderOptions, store: &Store) -> Option<Occluders> {
     let mut scene = Scene::default();
     for object in gone {
         let chunk = store.chunk(&object.base).ok()?;

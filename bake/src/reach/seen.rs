@@ -23,7 +23,7 @@
 //! covered it, and the first layer k < j to cover a texel found it open: C'_j = C_j ∪ { cells of C_k that a piece of layer k that is gone
 //! reaches, k < j }. Open cells of a record are therefore never less than the truth, and a record that has seen many edits may have more.
 
-use crate::reach::edit::Edit;
+use crate::reach::edit::SceneDiff;
 use crate::reach::shaft::{Bounds, Raster, reached_cells};
 use crate::reach::snapshot::{Changes, SnapshotPiece};
 use crate::reach::tile::{TileSet, tiles_of_cells};
@@ -45,7 +45,7 @@ pub(crate) struct PatchReach {
 
 /// A piece that only one of two bakes has and that a patch can tell from nothing.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Touch {
+pub(crate) struct DiffHit {
     /// Where it is.
     pub bounds: Bounds,
     /// The layer that it is traced in.
@@ -80,13 +80,13 @@ impl PatchReach {
     }
 
     /// The pieces that the patch's rays may tell.
-    pub(crate) fn touches(&self, changes: &Changes, raster: Raster) -> Vec<Touch> {
+    pub(crate) fn touches(&self, changes: &Changes, raster: Raster) -> Vec<DiffHit> {
         let gone = changes.gone.iter().map(|piece| (piece, false));
         let all = gone.chain(changes.new.iter().map(|piece| (piece, true)));
         let touch = |(piece, is_new): (&SnapshotPiece, bool)| {
             let reached = self.reached(piece, raster);
             let faces = (0..6).fold(0, |faces, face| faces | u8::from(reached[face] != 0) << face);
-            (faces != 0).then_some(Touch { bounds: piece.bounds, layer: usize::from(piece.layer), faces, is_new })
+            (faces != 0).then_some(DiffHit { bounds: piece.bounds, layer: usize::from(piece.layer), faces, is_new })
         };
         all.filter_map(touch).collect()
     }
@@ -101,7 +101,7 @@ impl PatchReach {
     }
 
     /// Of the tiles that pieces may have made another, those that they reach from one of the boxes around parts of the origins.
-    pub(crate) fn stale_from<'a>(&self, touches: &[Touch], origins: impl Iterator<Item = &'a [[f32; 3]]>, raster: Raster) -> TileSet {
+    pub(crate) fn stale_from<'a>(&self, touches: &[DiffHit], origins: impl Iterator<Item = &'a [[f32; 3]]>, raster: Raster) -> TileSet {
         let mut cells = [0; 6];
         for part in origins {
             let mut bounds = Bounds::EMPTY;
@@ -140,7 +140,7 @@ fn tiles_of_faces(cells: &[u64; 6]) -> TileSet {
 
 /// A patch as it was found.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct LightPatch {
+pub(crate) struct SeenPatch {
     /// Number of points.
     pub n_points: u32,
     /// The visibility chunk.
@@ -155,23 +155,23 @@ pub(crate) struct LightPatch {
 #[derive(Clone, Copy)]
 pub(crate) struct KnownPatch<'a> {
     /// What it saw.
-    pub light: &'a LightPatch,
+    pub seen: &'a SeenPatch,
     /// The same, read.
     pub chunk: &'a Chunk,
     /// What was done to the scene since, if that may have touched it.
-    pub edit: Option<&'a Edit>,
+    pub edit: Option<&'a SceneDiff>,
 }
 
 /// An object's patches in order, and which of its points differ.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct LightRecord {
+pub(crate) struct SeenRecord {
     /// In the plan's order.
-    pub patches: Vec<LightPatch>,
+    pub patches: Vec<SeenPatch>,
     /// Pairs of points, the smaller index first, ascending: edges between them were asked for leaks and have one.
     pub differing: Vec<[u32; 2]>,
 }
 
-impl LightRecord {
+impl SeenRecord {
     /// What the object's chunks depend on beside the object: visibility and buried points.
     pub(crate) fn state(&self) -> Digest {
         let mut hasher = crate::reach::key::Hasher::new("prelight light");
@@ -204,7 +204,7 @@ impl LightRecord {
     }
 
     /// From a record of the ledger, with the key of its snapshot. `None` where it is none.
-    pub(crate) fn decode(record: Record) -> Option<(Digest, LightRecord)> {
+    pub(crate) fn decode(record: Record) -> Option<(Digest, SeenRecord)> {
         let Record { chunks, data } = record;
         let (&[version, layers], rest) = data.split_first_chunk::<2>()?;
         let (snapshot, rest) = rest.split_first_chunk::<32>()?;
@@ -229,14 +229,14 @@ impl LightRecord {
             let cells = |bytes: &[u8; 48]| std::array::from_fn(|face| u64::from_le_bytes(std::array::from_fn(|i| bytes[8 * face + i])));
             let open = open.as_chunks::<48>().0.iter().map(cells).collect();
             let reach = PatchReach { origins: Bounds::from_le_bytes(origins), open, buried: f64::from_le_bytes(*reach) };
-            patches.push(LightPatch { n_points, visibility, buried: buried.to_vec(), reach });
+            patches.push(SeenPatch { n_points, visibility, buried: buried.to_vec(), reach });
             rest = tail;
         }
         let (pairs, tail) = rest.as_chunks::<8>();
         let word = |bytes: &[u8; 8], at: usize| u32::from_le_bytes(std::array::from_fn(|i| bytes[4 * at + i]));
         let differing: Vec<[u32; 2]> = pairs.iter().map(|bytes| [word(bytes, 0), word(bytes, 1)]).collect();
         let fits = tail.is_empty() && differing.len() == u32::from_le_bytes(*n_pairs) as usize && differing.is_sorted_by(|a, b| a < b);
-        fits.then_some((Digest(*snapshot), LightRecord { patches, differing }))
+        fits.then_some((Digest(*snapshot), SeenRecord { patches, differing }))
     }
 }
 
@@ -246,27 +246,27 @@ mod tests {
     use prelight_manifests::Dtype;
     use proptest::prelude::*;
 
-    fn patch(n_points: u32, buried: &[u8]) -> LightPatch {
+    fn patch(n_points: u32, buried: &[u8]) -> SeenPatch {
         let visibility =
             Descriptor { kind: ChunkKind::Visibility, digest: Digest([7; 32]), bytes: 640, dtype: Dtype::U8, shape: vec![n_points.into()] };
         let origins = Bounds { lower: [0.0; 3], upper: [0.1; 3] };
         let reach = PatchReach { origins, open: vec![[u64::MAX; 6], [1, 2, 3, 4, 5, 6]], buried: 0.5 };
-        LightPatch { n_points, visibility, buried: buried.to_vec(), reach }
+        SeenPatch { n_points, visibility, buried: buried.to_vec(), reach }
     }
 
-    fn record() -> LightRecord {
-        LightRecord { patches: vec![patch(200, &[]), patch(9, &[0, 8])], differing: vec![[0, 4], [1, 2], [1, 205]] }
+    fn record() -> SeenRecord {
+        SeenRecord { patches: vec![patch(200, &[]), patch(9, &[0, 8])], differing: vec![[0, 4], [1, 2], [1, 205]] }
     }
 
     #[test]
     fn records_come_back_and_strangers_are_refused() {
         let (light, snapshot) = (record(), Digest([3; 32]));
         let encoded = light.encode(&snapshot).unwrap();
-        assert_eq!(LightRecord::decode(encoded.clone()), Some((snapshot, light.clone())));
+        assert_eq!(SeenRecord::decode(encoded.clone()), Some((snapshot, light.clone())));
         for len in 0..encoded.data.len() {
-            assert_eq!(LightRecord::decode(Record { data: encoded.data[..len].to_vec(), ..encoded.clone() }), None, "{len} bytes");
+            assert_eq!(SeenRecord::decode(Record { data: encoded.data[..len].to_vec(), ..encoded.clone() }), None, "{len} bytes");
         }
-        assert_eq!(LightRecord::decode(Record { chunks: encoded.chunks[..1].to_vec(), ..encoded }), None);
+        assert_eq!(SeenRecord::decode(Record { chunks: encoded.chunks[..1].to_vec(), ..encoded }), None);
         let mut other = light.clone();
         other.patches[1].buried = vec![0];
         assert_ne!(other.state(), light.state());
@@ -280,7 +280,7 @@ mod tests {
                 let len = encoded.data.len();
                 encoded.data[at % len] ^= byte;
             }
-            if let Some((snapshot, light)) = LightRecord::decode(encoded.clone()) {
+            if let Some((snapshot, light)) = SeenRecord::decode(encoded.clone()) {
                 prop_assert_eq!(light.encode(&snapshot), Some(encoded));
             }
         }

@@ -15,10 +15,10 @@ use crate::error::BakeError;
 use crate::mesh::PointParams;
 use crate::options::BakeOptions;
 use crate::points::patch::PATCH_ORDER;
-use crate::reach::edit::Edit;
+use crate::reach::edit::SceneDiff;
 use crate::reach::key::Hasher;
 use crate::reach::pieces::{Pieces, side};
-use crate::reach::seen::{KnownPatch, LightRecord};
+use crate::reach::seen::{KnownPatch, SeenRecord};
 use crate::reach::shaft::Raster;
 use crate::reach::snapshot::{Snapshot, Source};
 use prelight_manifests::asset::{AssetObject, AssetPatch};
@@ -91,14 +91,14 @@ impl ObjectChunks {
     }
 
     /// The object's part of the manifest.
-    pub(crate) fn object(&self, scene: &Scene, options: &BakeOptions, object: usize, light: &LightRecord) -> AssetObject {
+    pub(crate) fn object(&self, scene: &Scene, options: &BakeOptions, object: usize, seen: &SeenRecord) -> AssetObject {
         let source = &scene.objects[object];
-        let patches: Vec<AssetPatch> = (light.patches.iter().zip(&self.patches))
-            .map(|(light, [points, surface])| AssetPatch {
-                n_points: light.n_points,
+        let patches: Vec<AssetPatch> = (seen.patches.iter().zip(&self.patches))
+            .map(|(seen, [points, surface])| AssetPatch {
+                n_points: seen.n_points,
                 points: points.clone(),
                 surface: surface.clone(),
-                factors: vec![light.visibility.clone()],
+                factors: vec![seen.visibility.clone()],
             })
             .collect();
         AssetObject {
@@ -119,7 +119,7 @@ impl ObjectChunks {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ObjectKey {
     /// Its light.
-    pub light: Digest,
+    pub seen: Digest,
     /// Its mesh as it was read, and where that stands.
     pub source: Source,
     /// All that its other chunks come from, but for the light.
@@ -137,33 +137,33 @@ impl ObjectKey {
 }
 
 /// An object of which an earlier bake knows the patches.
-pub(crate) struct KnownLight {
+pub(crate) struct KnownPatches {
     /// As they were found.
-    pub light: LightRecord,
+    pub seen: SeenRecord,
     /// `[patches]` whether a patch may not be as it was.
     pub touched: Vec<bool>,
-    /// `[patches]` their visibility; filled by [`KnownLight::load`].
+    /// `[patches]` their visibility; filled by [`KnownPatches::load`].
     pub visibility: Vec<Chunk>,
     /// What was done to the scene since.
-    pub edit: Arc<Edit>,
+    pub edit: Arc<SceneDiff>,
     /// Its other chunks as they were, if the object is what it was.
     pub chunks: Option<ObjectChunks>,
 }
 
-impl KnownLight {
+impl KnownPatches {
     /// Reads the patches' chunks.
     ///
     /// # Errors
     /// What the store says. A damaged chunk is set aside: without this record, its patch is traced again.
     pub(crate) fn load(&mut self, store: &Store) -> Result<(), StoreError> {
-        self.visibility = self.light.patches.par_iter().map(|patch| store.chunk(&patch.visibility)).collect::<Result<_, _>>()?;
+        self.visibility = self.seen.patches.par_iter().map(|patch| store.chunk(&patch.visibility)).collect::<Result<_, _>>()?;
         Ok(())
     }
 
     /// A patch, by its index.
     pub(crate) fn patch(&self, index: usize) -> Option<KnownPatch<'_>> {
-        let (light, chunk) = (self.light.patches.get(index)?, self.visibility.get(index)?);
-        Some(KnownPatch { light, chunk, edit: self.touched[index].then_some(&self.edit) })
+        let (seen, chunk) = (self.seen.patches.get(index)?, self.visibility.get(index)?);
+        Some(KnownPatch { seen, chunk, edit: self.touched[index].then_some(&self.edit) })
     }
 }
 
@@ -174,7 +174,7 @@ pub(crate) enum Known {
     /// All of it: the part of the manifest, and what the report says.
     Whole(Box<AssetObject>, ObjectCounts),
     /// What its patches saw.
-    Light(Box<KnownLight>),
+    Patches(Box<KnownPatches>),
 }
 
 /// `[objects]` keys of those that are `wanted`; `None` for the others.
@@ -197,23 +197,23 @@ pub(crate) fn object_keys(
         let digest = Digest(*blake3::hash(&bytes).as_bytes());
         let shape = vec![mesh.primitives.len() as u64];
         let base = Descriptor { kind: ChunkKind::Base, digest, bytes: bytes.len() as u64, dtype: Dtype::U8, shape };
-        let light = light_key(scene, world, pieces, options, object);
-        let whole = whole_key(scene, object, &light, &digest, &textures);
-        ObjectKey { light, source: Source { base, world_from_local: *world_from_local }, whole }
+        let seen = seen_key(scene, world, pieces, options, object);
+        let whole = whole_key(scene, object, &seen, &digest, &textures);
+        ObjectKey { seen, source: Source { base, world_from_local: *world_from_local }, whole }
     };
     (0..scene.objects.len()).into_par_iter().map(|object| wanted(object).then(|| key(object))).collect()
 }
 
 /// Covers what points come from, and what blocks them: nothing of a material but its opacity, its sides, and what cuts vertices.
-fn light_key(scene: &Scene, world: &World, pieces: &Pieces, options: &BakeOptions, object: usize) -> Digest {
+fn seen_key(scene: &Scene, world: &World, pieces: &Pieces, options: &BakeOptions, object: usize) -> Digest {
     // Named one by one: a new knob must find its way into the key.
-    let PointParams { edge_length, normal_angle_deg, area_floor, max_level, coarser, quarters, most_unrest, max_triangles } =
+    let PointParams { edge_length, normal_angle_deg, area_floor, max_level, coarser, quarters, max_shadow_gap, max_triangles } =
         options.points[object];
     let source = &scene.objects[object];
     let mut hasher = Hasher::new("prelight object light");
     let shades = options.shades_of(object as u32).steps().unwrap_or(0);
     hasher.words(&[options.face_resolution, shades, max_level, max_triangles, u32::from(coarser) | u32::from(quarters) << 1, PATCH_ORDER]);
-    hasher.floats(&[edge_length, normal_angle_deg, area_floor, most_unrest]);
+    hasher.floats(&[edge_length, normal_angle_deg, area_floor, max_shadow_gap]);
     source.world_from_local.iter().for_each(|value| hasher.bytes(&value.to_le_bytes()));
     // Materials by the order in which they come: which primitives share one, not which one it is.
     let mut ranks: Vec<u32> = Vec::new();
@@ -237,9 +237,9 @@ fn light_key(scene: &Scene, world: &World, pieces: &Pieces, options: &BakeOption
     hasher.finish()
 }
 
-fn whole_key(scene: &Scene, object: usize, light: &Digest, mesh: &Digest, textures: &BTreeMap<u32, [u8; 32]>) -> Digest {
+fn whole_key(scene: &Scene, object: usize, seen: &Digest, mesh: &Digest, textures: &BTreeMap<u32, [u8; 32]>) -> Digest {
     let mut hasher = Hasher::new("prelight object");
-    hasher.bytes(&light.0);
+    hasher.bytes(&seen.0);
     hasher.bytes(&mesh.0);
     for primitive in &scene.objects[object].mesh.primitives {
         let material = scene.materials.get(primitive.material as usize);
@@ -275,36 +275,36 @@ pub(crate) fn known_objects(
     store: &Store,
     wanted: &dyn Fn(usize) -> bool,
 ) -> Result<Vec<Known>, BakeError> {
-    let mut snapshots: BTreeMap<Digest, Option<Arc<Edit>>> = BTreeMap::new();
+    let mut snapshots: BTreeMap<Digest, Option<Arc<SceneDiff>>> = BTreeMap::new();
     let mut find = |object: usize, key: &ObjectKey| -> Result<Known, BakeError> {
         let raster = raster(options, object as u32);
-        let mut best: Option<KnownLight> = None;
-        for record in store.lookup_all(&key.light)? {
-            let Some((snapshot, light)) = LightRecord::decode(record) else { continue };
+        let mut best: Option<KnownPatches> = None;
+        for record in store.lookup_all(&key.seen)? {
+            let Some((snapshot, seen)) = SeenRecord::decode(record) else { continue };
             let edit = match snapshots.entry(snapshot) {
                 Entry::Occupied(edit) => edit.into_mut(),
                 Entry::Vacant(missing) => {
                     let records = store.lookup_all(&snapshot)?;
                     let mut whole = records.iter().filter(|record| Snapshot::key_of(&record.data) == snapshot);
                     let then = whole.find_map(|record| Snapshot::decode(&record.data));
-                    missing.insert(then.map(|then| Arc::new(Edit::new(&then, now))))
+                    missing.insert(then.map(|then| Arc::new(SceneDiff::new(&then, now))))
                 }
             };
             let Some(edit) = edit.clone() else { continue };
-            let touched: Vec<bool> = light.patches.par_iter().map(|patch| patch.reach.is_touched(&edit.changes, raster)).collect();
+            let touched: Vec<bool> = seen.patches.par_iter().map(|patch| patch.reach.is_touched(&edit.changes, raster)).collect();
             let count = |touched: &[bool]| touched.iter().filter(|touched| **touched).count();
             if best.as_ref().is_none_or(|best| count(&touched) < count(&best.touched)) {
-                best = Some(KnownLight { light, touched, visibility: Vec::new(), edit, chunks: None });
+                best = Some(KnownPatches { seen, touched, visibility: Vec::new(), edit, chunks: None });
             }
         }
         let Some(mut best) = best else { return Ok(Known::Nothing) };
-        let n_patches = best.light.patches.len();
-        let records = store.lookup_all(&key.chunks(&best.light.state()))?;
+        let n_patches = best.seen.patches.len();
+        let records = store.lookup_all(&key.chunks(&best.seen.state()))?;
         best.chunks = records.into_iter().find_map(|record| ObjectChunks::decode(record, n_patches));
         let is_touched = best.touched.contains(&true);
         Ok(match &best.chunks {
-            Some(chunks) if !is_touched => Known::Whole(Box::new(chunks.object(scene, options, object, &best.light)), chunks.counts),
-            _ => Known::Light(Box::new(best)),
+            Some(chunks) if !is_touched => Known::Whole(Box::new(chunks.object(scene, options, object, &best.seen)), chunks.counts),
+            _ => Known::Patches(Box::new(best)),
         })
     };
     let known = keys.iter().enumerate().map(|(object, key)| match key {

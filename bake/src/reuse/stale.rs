@@ -66,9 +66,9 @@ pub fn find_stale(scene: &Scene, world: &World, options: &BakeOptions, store: &S
             Known::Whole(made, counts) => {
                 return Ok(Stale { patches: made.patches.len() as u64, live: u64::from(counts.live), ..Stale::default() });
             }
-            Known::Light(known) => {
+            Known::Patches(known) => {
                 let (mut found, raster) = (Stale::default(), raster(options, object as u32));
-                for (patch, touched) in known.light.patches.iter().zip(&known.touched) {
+                for (patch, touched) in known.seen.patches.iter().zip(&known.touched) {
                     let tiles = if *touched { patch.reach.stale(&known.edit.changes, raster) } else { 0 };
                     found.add(object, (patch.reach.origins, patch.n_points), patch.reach.live(), tiles, false);
                 }

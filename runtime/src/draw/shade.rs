@@ -28,7 +28,7 @@ use crate::camera::Camera;
 use crate::chunk::mesh::{Lit, Mesh};
 use crate::chunk::points::BURIED;
 use crate::error::RuntimeError;
-use crate::light::lune::{Bend, Lune};
+use crate::light::lune::{Bend, BentLight};
 use crate::light::{BetweenPoints, PointLobe};
 use crate::surface::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
 use std::f32::consts::PI;
@@ -44,7 +44,7 @@ pub struct DrawObject<'a> {
     /// `[points][channel][axis]` vector irradiance, W·m⁻².
     pub irradiance: &'a [[[f32; 3]; 3]],
     /// `[points]` what bent normals need beside it. Empty: nothing is known.
-    pub lune: &'a [Lune],
+    pub lune: &'a [BentLight],
     /// `[points][term][channel]` glossy radiance: the factor of F0, and the rest. Empty: none.
     pub glossy: &'a [[[f32; 3]; 2]],
     /// `[points][channel]` radiance of a whole clear coat. Empty: none.

@@ -61,7 +61,7 @@ impl Bend {
 
 /// What a point keeps beside its vector irradiance, W·m⁻², sums of the channels. Zeros: no light of the lune is known of.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Lune {
+pub struct BentLight {
     /// xx, yy, zz, xy, yz, zx.
     second: [f32; 6],
     /// Fluence of the sky, 0..=2 E·n.
@@ -70,7 +70,7 @@ pub struct Lune {
     any: f32,
 }
 
-impl Lune {
+impl BentLight {
     /// From the vector irradiance `[channel][axis]` of a point with this unit normal and its second moments ([`crate::block_product::shade_moments`]).
     pub fn new(irradiance: &[[f32; 3]; 3], second: [f32; 6], normal: [f32; 3]) -> Self {
         let (e, fluence) = (sum(irradiance), second[0] + second[1] + second[2]);
@@ -88,10 +88,10 @@ impl Lune {
             misfit += if i == j { 1.0 } else { 2.0 } * (second[at] - explained).powi(2);
         }
         let any = if fluence > f32::MIN_POSITIVE { (misfit.sqrt() / (EXPLAINED * fluence)).min(1.0) } else { 0.0 };
-        Lune { second, even, any }
+        BentLight { second, even, any }
     }
 
-    /// Adds indirect light, of which only the irradiance is known, as coming evenly: to second moments before [`Lune::new`].
+    /// Adds indirect light, of which only the irradiance is known, as coming evenly: to second moments before [`BentLight::new`].
     pub fn add_even(second: &mut [f32; 6], received: [f32; 3]) {
         let third = 2.0 / 3.0 * (received[0] + received[1] + received[2]);
         (0..3).for_each(|axis| second[axis] += third);
@@ -101,7 +101,7 @@ impl Lune {
     pub fn irradiance(&self, irradiance: &[[f32; 3]; 3], bend: &Bend) -> [f32; 3] {
         let Bend { normal, bent, cosine, aside } = *bend;
         let own = irradiance.map(|e| dot(e, bent).max(0.0));
-        let Some((toward, terms)) = aside.filter(|_| self != &Lune::default()) else { return own };
+        let Some((toward, terms)) = aside.filter(|_| self != &BentLight::default()) else { return own };
         let e = sum(irradiance);
         let (straight, along, even) = (dot(e, bent), dot(e, normal), self.even);
         if along <= f32::MIN_POSITIVE {

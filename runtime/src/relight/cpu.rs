@@ -10,7 +10,7 @@ use crate::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use crate::environment::LightCubemap;
 use crate::error::RuntimeError;
 use crate::light::layers::Between;
-use crate::light::lune::Lune;
+use crate::light::lune::BentLight;
 use crate::light::{BetweenPoints, Glossy, Layers, LightOptions};
 
 /// Shades with the layers of techniques, on all threads of the CPU.
@@ -70,7 +70,7 @@ pub struct CpuAsset {
     /// `[points][channel][axis]` vector irradiance, W·m⁻².
     pub(super) irradiance: Vec<[[f32; 3]; 3]>,
     /// `[points]` what bent normals need beside it; empty while no material has a normal map.
-    lune: Vec<Lune>,
+    lune: Vec<BentLight>,
     /// `[points]` glossy radiance in two terms.
     pub(super) glossy: Vec<Glossy>,
     /// `[points]` radiance of a whole clear coat; empty while no material has one.
@@ -93,7 +93,7 @@ impl CpuAsset {
         CpuAsset {
             layers,
             irradiance: vec![[[0.0; 3]; 3]; n],
-            lune: if has_normal_map { vec![Lune::default(); n] } else { Vec::new() },
+            lune: if has_normal_map { vec![BentLight::default(); n] } else { Vec::new() },
             glossy: vec![Glossy::default(); n],
             coat: Vec::new(),
             diffuse_rows: Vec::new(),

@@ -5,7 +5,7 @@ use crate::asset::AssetPatch;
 use crate::brdf::surface::COAT_F0;
 use crate::chunk::layout::PATCH_POINTS;
 use crate::light::layer::{Diffuse, Held, Patch, Sight};
-use crate::light::lune::Lune;
+use crate::light::lune::BentLight;
 use crate::light::{Glossy, Layers, PointLobe};
 use crate::surface::detail::is_bent;
 
@@ -41,7 +41,7 @@ pub(super) struct Part<'a> {
     pub lit: Rest<'a, Lit>,
     pub irradiance: Rest<'a, [[f32; 3]; 3]>,
     /// Empty while no material has a normal map.
-    pub lune: Rest<'a, Lune>,
+    pub lune: Rest<'a, BentLight>,
     pub glossy: Rest<'a, Glossy>,
     /// Empty while no material has a clear coat.
     pub coat: Rest<'a, [f32; 3]>,
@@ -148,7 +148,7 @@ impl Work<'_> {
         let irradiance = &mut *part.irradiance.elements;
         self.layers.diffuse(patch, held, part.diffuse_rows.elements, &mut Diffuse::new(irradiance, second));
         for (at, second) in second.iter().enumerate() {
-            part.lune.elements[at] = Lune::new(&irradiance[at], *second, patch.points.normal[at]);
+            part.lune.elements[at] = BentLight::new(&irradiance[at], *second, patch.points.normal[at]);
         }
     }
 

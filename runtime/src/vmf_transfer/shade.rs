@@ -15,7 +15,7 @@ use super::light::FilteredLight;
 use super::pixel::EyeLobes;
 use super::transfer::{PointTransfer, Record, SLICE_LOBES, Transfer, TransferLobe, decode};
 use crate::light::Glossy;
-use crate::light::lune::Lune;
+use crate::light::lune::BentLight;
 use crate::sphere::frame::tangents;
 use crate::sphere::icosahedron::Icosahedron;
 
@@ -34,7 +34,7 @@ pub fn add_irradiance(
             (0..3).for_each(|k| irradiance[i][c][k] += received[c] * normal[i][k]);
         }
         if let Some(second) = second.get_mut(i) {
-            Lune::add_even(second, received);
+            BentLight::add_even(second, received);
         }
     }
 }

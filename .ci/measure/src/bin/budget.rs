@@ -7,9 +7,9 @@
 //! ```
 
 use prelight_bake::bake::bake;
-use prelight_bake::budget::candidates::{BORDERS, LENGTHS, Question, Subject, rungs};
+use prelight_bake::budget::candidates::{BORDERS, LENGTHS, ObjectInput, ObjectSearch, grid_index};
 use prelight_bake::budget::knapsack::{candidates, contest};
-use prelight_bake::budget::{Choice, Directions, Drawn, ObjectError, Probes, Sums, Tracing, measure_planned};
+use prelight_bake::budget::{Choice, Directions, ObjectError, PlaceSet, Probes, Sums, Tracing, measure_planned};
 use prelight_bake::cost::counts::Counts;
 use prelight_bake::points::buried::BuriedProbe;
 use prelight_bake::progress::Silent;
@@ -55,10 +55,11 @@ impl Experiment<'_> {
         let n = probes.lights.len();
         probes.extend(Probes::steering(directions.face_resolution));
         let (solids, own) = (BuriedProbe::new(scene, world), settings.unbudgeted[choice.object]);
-        let subject = Subject { scene, world, occluders, solids: &solids, object: choice.object, own };
-        let (length, border) = rungs(&own, &choice.params).expect("one of them");
-        let [same, other] = [Drawn::Steering, Drawn::HeldBack].map(|drawn| {
-            let mut question = Question::new(&subject, &probes, directions, subject.places(&probes, drawn)).expect("it was planned before");
+        let subject = ObjectInput { scene, world, occluders, solids: &solids, object: choice.object, own };
+        let (length, border) = grid_index(&own, &choice.params).expect("one of them");
+        let [same, other] = [PlaceSet::Steering, PlaceSet::HeldBack].map(|drawn| {
+            let mut question =
+                ObjectSearch::new(&subject, &probes, directions, subject.places(&probes, drawn)).expect("it was planned before");
             let sums = question.asked(length, border).expect("it was planned before").1;
             (0..probes.lights.len()).map(|i| sums.under(i..i + 1)).collect::<Vec<f64>>()
         });
@@ -74,12 +75,12 @@ impl Experiment<'_> {
         let (solids, object) = (BuriedProbe::new(scene, world), choice.object);
         let directions = Directions { face_resolution: settings.options.face_resolution, shades: choice.shades };
         let own = settings.unbudgeted[object];
-        let subject = Subject { scene, world, occluders, solids: &solids, object, own };
-        let places = subject.places(probes, Drawn::HeldBack);
+        let subject = ObjectInput { scene, world, occluders, solids: &solids, object, own };
+        let places = subject.places(probes, PlaceSet::HeldBack);
         let tracing = Tracing::new(occluders, probes, &solids, own.edge_length, directions);
         let at_points = places.point_error(&tracing);
-        let (length, border) = rungs(&own, &choice.params).expect("one of them");
-        let mut question = Question::new(&subject, probes, directions, places.clone()).expect("it was planned before");
+        let (length, border) = grid_index(&own, &choice.params).expect("one of them");
+        let mut question = ObjectSearch::new(&subject, probes, directions, places.clone()).expect("it was planned before");
         let (candidate, predicted) = question.asked(length, border).expect("it was planned before");
         let (n, end) = (probes.n_held_back(), probes.lights.len());
         let name = &scene.objects[object].name;

@@ -1,7 +1,7 @@
 //! The factor `visibility`: patches looked up by their points, traced tile by tile where records do not hold, and asked for buried points.
 
 use super::bits::PatchBits;
-use super::delta::Delta;
+use super::delta::PatchRetracer;
 use super::patch::{PatchInputs, Resolution, Resolved, Shadowing, false_hit, resolve};
 use crate::error::BakeError;
 use crate::factor::{Baked, Candidates, Factor, Ledger, LoadChunk, Made, Source, Taken};
@@ -81,7 +81,7 @@ pub struct Scratch {
     /// Of a patch that is looked up or traced whole.
     pub(crate) bits: PatchBits,
     /// Of a patch of which an edit changed some.
-    pub(crate) delta: Delta,
+    pub(crate) delta: PatchRetracer,
 }
 
 impl<'a> Factor for VisibilityRound<'a> {

@@ -1,10 +1,10 @@
 //! Open bits of a patch, tile by tile: tracing, naming, copying.
 //!
 //! Layout as the tracer's: `[points, 6·n²/64]` u64 ([`open_words`]). A tile is a square of n/4 texels, so a face's row of texels crosses four.
-//! In grayscale a bit says that something of the texel is open, and [`PatchParts`] which texels are not open whole.
+//! In grayscale a bit says that something of the texel is open, and [`GrayTexels`] which texels are not open whole.
 
 use crate::block_product::visibility::encode::{encode, encode_gray, open_bits};
-use crate::block_product::visibility::gray::PatchParts;
+use crate::block_product::visibility::gray::GrayTexels;
 use crate::points::{ObjectPlan, Patch};
 use crate::reach::shaft::BOX_POINTS;
 use crate::reach::tile::{CLOSED, FACE_TILES, TileSet};
@@ -26,7 +26,7 @@ pub struct PatchBits {
     scratch: Scratch,
     /// Steps of grayscale; `None`: binary, and `parts` is not looked at.
     steps: Option<u32>,
-    parts: PatchParts,
+    parts: GrayTexels,
     /// One point's samples before and after tracing.
     before: Vec<(u32, u64)>,
     after: Vec<(u32, u64)>,

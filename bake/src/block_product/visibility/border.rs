@@ -8,7 +8,7 @@
 //! split        : unrest > tolerance                             never below the area floor ([`crate::mesh::edge::EdgeRule`])
 //! ```
 //!
-//! Halving every edge of a region quarters the surface of each and halves what differs along each, so the sum of `unrest` halves where borders are
+//! Halving every edge of a region quarters the surface of each and halves what differs along each, so the sum of `shadow_gap` halves where borders are
 //! sharp: one tolerance for all edges of an object spends points where a point does most. The weight (n·ω)² leaves the horizon of curved surfaces
 //! out, of which every two points see another part. No light decides: an edit of a light moves no point.
 //!
@@ -82,9 +82,9 @@ pub(crate) struct Breaks {
 }
 
 impl Breaks {
-    /// `most_unrest` as in [`crate::mesh::PointParams`].
-    pub(crate) fn new(face_resolution: usize, most_unrest: f32) -> Self {
-        let borders = most_unrest.is_finite().then(|| (SecondMoments::of(face_resolution), f64::from(most_unrest)));
+    /// `max_shadow_gap` as in [`crate::mesh::PointParams`].
+    pub(crate) fn new(face_resolution: usize, max_shadow_gap: f32) -> Self {
+        let borders = max_shadow_gap.is_finite().then(|| (SecondMoments::of(face_resolution), f64::from(max_shadow_gap)));
         Breaks { texels: 6 * face_resolution * face_resolution, borders }
     }
 
@@ -108,12 +108,12 @@ impl Breaks {
             return false;
         }
         let leaks = buried == [false; 2] && difference(scratch).is_leak(self.texels);
-        leaks || self.borders.is_some_and(|(moments, most)| unrest(a, b, moments, scratch) > most)
+        leaks || self.borders.is_some_and(|(moments, most)| shadow_gap(a, b, moments, scratch) > most)
     }
 }
 
-/// What the module head calls `unrest`, m²·sr. Symmetric in the ends to the bit.
-pub(crate) fn unrest(a: Seen, b: Seen, moments: &SecondMoments, scratch: &mut [Vec<u32>; 2]) -> f64 {
+/// What the module head calls `shadow_gap`, m²·sr. Symmetric in the ends to the bit.
+pub(crate) fn shadow_gap(a: Seen, b: Seen, moments: &SecondMoments, scratch: &mut [Vec<u32>; 2]) -> f64 {
     let length_squared = (wide(b.position) - wide(a.position)).length_squared();
     let normal = (wide(a.normal) + wide(b.normal)).normalize_or_zero().to_array();
     let mut differing = 0.0;
@@ -156,8 +156,8 @@ mod tests {
                 let a = Seen { position: [0.0; 3], normal: up, visibility: visibility.point(0) };
                 let b = Seen { position: [0.0, 0.0, 0.5], normal, visibility: visibility.point(1) };
                 let mut scratch = Default::default();
-                let found = unrest(a, b, SecondMoments::of(n), &mut scratch);
-                assert_eq!(found, unrest(b, a, SecondMoments::of(n), &mut scratch));
+                let found = shadow_gap(a, b, SecondMoments::of(n), &mut scratch);
+                assert_eq!(found, shadow_gap(b, a, SecondMoments::of(n), &mut scratch));
                 let mean = (wide(up) + wide(normal)).normalize();
                 let mut truth = 0.0;
                 for texel in 0..6 * n * n {
@@ -174,9 +174,12 @@ mod tests {
             let (a, b) = (visibility.point(0), visibility.point(1));
             let seen = |visibility| Seen { position: [0.0; 3], normal: up, visibility };
             let b = Seen { position: [1.0, 0.0, 0.0], ..seen(b) };
-            let found = unrest(seen(a), b, SecondMoments::of(n), &mut Default::default());
+            let found = shadow_gap(seen(a), b, SecondMoments::of(n), &mut Default::default());
             assert!((found - PI / 6.0).abs() < 0.01, "{found}");
-            assert_eq!(unrest(seen(a), Seen { position: [1.0, 0.0, 0.0], ..seen(a) }, SecondMoments::of(n), &mut Default::default()), 0.0);
+            assert_eq!(
+                shadow_gap(seen(a), Seen { position: [1.0, 0.0, 0.0], ..seen(a) }, SecondMoments::of(n), &mut Default::default()),
+                0.0
+            );
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::factor::Ledger;
 use crate::points::buried::{Boxes, Meets, Verdict, local_edge};
 use crate::reach::edit::EditOccluders;
 use crate::reach::key::{BlindPoint, buried_key, buried_question};
-use crate::reach::seen::LightPatch;
+use crate::reach::seen::SeenPatch;
 use prelight_manifests::Digest;
 use prelight_runtime::block_product::visibility::Visibility;
 use prelight_store::{Chunk, Record};
@@ -20,7 +20,7 @@ impl VisibilityBaker<'_> {
     pub(crate) fn buried_again(
         &self,
         task: &PatchTask,
-        light: &LightPatch,
+        light: &SeenPatch,
         [before, now]: [&Chunk; 2],
         (boxes, edit): (&Boxes, &EditOccluders),
     ) -> Result<(Vec<u8>, f64), BakeError> {

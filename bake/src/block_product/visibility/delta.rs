@@ -21,7 +21,7 @@
 use crate::block_product::visibility::encode::{encode_changed, open_bits, open_bits_in};
 use crate::points::{ObjectPlan, Patch};
 use crate::reach::edit::EditOccluders;
-use crate::reach::seen::{PatchReach, Touch};
+use crate::reach::seen::{DiffHit, PatchReach};
 use crate::reach::shaft::{Bounds, CELLS, Raster, reached_texels};
 use crate::reach::tile::{FACE_TILES, TileSet};
 use crate::trace::horizon::above_horizon_of_rows;
@@ -33,7 +33,7 @@ use std::ops::Range;
 
 /// Working memory of one thread.
 #[derive(Default)]
-pub(crate) struct Delta {
+pub(crate) struct PatchRetracer {
     /// Points that are not as they were, ascending, and their bits.
     changed_points: Vec<usize>,
     open: Vec<u64>,
@@ -63,13 +63,13 @@ pub(crate) struct Retraced {
 
 /// A patch as an earlier bake found it, and what may have changed that.
 #[derive(Clone, Copy)]
-pub(crate) struct Before<'a> {
+pub(crate) struct PatchBefore<'a> {
     /// Its bits.
     pub visibility: &'a Visibility<'a>,
     /// Cells that were open before each layer.
     pub reach: &'a PatchReach,
     /// Pieces that its rays may tell.
-    pub touches: &'a [Touch],
+    pub touches: &'a [DiffHit],
     /// The pieces' triangles.
     pub edit: &'a EditOccluders,
 }
@@ -85,7 +85,7 @@ struct Seen {
 }
 
 impl Seen {
-    fn new(touches: &[Touch], face: usize, is_new: bool, masks: &CellRows) -> Seen {
+    fn new(touches: &[DiffHit], face: usize, is_new: bool, masks: &CellRows) -> Seen {
         let mut seen = Seen { bounds: None, layer: usize::MAX, rows: Vec::new() };
         let mut layers = BTreeSet::new();
         for touch in touches.iter().filter(|touch| touch.is_new == is_new && touch.faces >> face & 1 == 1) {
@@ -121,9 +121,9 @@ impl Seen {
     }
 }
 
-impl Delta {
+impl PatchRetracer {
     /// Brings the bits up to date. They can be encoded afterwards.
-    pub(crate) fn retrace(&mut self, occluders: &Occluders, plan: &ObjectPlan, patch: &Patch, before: Before) -> Retraced {
+    pub(crate) fn retrace(&mut self, occluders: &Occluders, plan: &ObjectPlan, patch: &Patch, before: PatchBefore) -> Retraced {
         let n = before.visibility.face_resolution();
         let (words, row_words) = (open_words(n), n / 64);
         let face_words = words / 6;
@@ -271,7 +271,7 @@ impl Delta {
 }
 
 /// Rectangles of pieces that are gone, piece by piece, in their open cells, in a face of zeros; its rows, if there is a texel.
-fn rectangles(touches: &[Touch], face: usize, at: &Bounds, raster: Raster, masks: &CellRows, bits: &mut [u64]) -> Option<Range<usize>> {
+fn rectangles(touches: &[DiffHit], face: usize, at: &Bounds, raster: Raster, masks: &CellRows, bits: &mut [u64]) -> Option<Range<usize>> {
     let words = raster.face_resolution / 64;
     let mut any = 0;
     for touch in touches.iter().filter(|touch| !touch.is_new && touch.faces >> face & 1 == 1) {

@@ -34,14 +34,14 @@ pub(crate) fn changed(before: &[(u32, u64)], after: &[(u32, u64)], n: usize) -> 
 
 /// The lists.
 #[derive(Default)]
-pub(crate) struct PatchParts {
+pub(crate) struct GrayTexels {
     /// Open samples, not all and not none.
     pub sampled: Vec<Vec<(u32, u64)>>,
     /// Levels from chunks.
     pub copied: Vec<Vec<Part>>,
 }
 
-impl PatchParts {
+impl GrayTexels {
     /// Empty lists of so many points.
     pub(crate) fn reset(&mut self, n_points: usize) {
         self.sampled.iter_mut().for_each(Vec::clear);

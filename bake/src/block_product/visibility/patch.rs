@@ -114,7 +114,7 @@ pub enum Resolution {
 }
 
 /// The walk over the layers, without bits.
-struct Walk<'a> {
+struct LayerLookup<'a> {
     of: &'a Shadowing<'a>,
     inputs: &'a PatchInputs<'a>,
     open: OpenCells,
@@ -126,10 +126,10 @@ struct Walk<'a> {
     rows: Vec<TileRow>,
 }
 
-impl<'a> Walk<'a> {
+impl<'a> LayerLookup<'a> {
     fn new(of: &'a Shadowing<'a>, inputs: &'a PatchInputs<'a>) -> Self {
         let open = OpenCells::above_horizon(&inputs.plan.normal[inputs.patch.range()], of.face_resolution as usize);
-        Walk { of, inputs, open, before: Vec::new(), names: [HORIZON; N_TILES], reached: [0; N_TILES], rows: Vec::new() }
+        LayerLookup { of, inputs, open, before: Vec::new(), names: [HORIZON; N_TILES], reached: [0; N_TILES], rows: Vec::new() }
     }
 
     /// Looks a layer's tiles up, but for those of `skip`; returns those that no candidate knows, with their keys in `keys`.
@@ -142,7 +142,7 @@ impl<'a> Walk<'a> {
     ) -> (TileSet, TileSet) {
         self.before.push(*self.open.faces());
         let reach = Reach::new(self.of.pieces, layer, &self.inputs.origins, &self.open, self.of.raster(self.inputs.plan.object));
-        let (mut missed, mut renamed) = (0, 0);
+        let (mut missed, mut bits_changed) = (0, 0);
         for tile in tiles(reach.tiles & !skip) {
             let at = usize::from(tile);
             let (sum, count) = reach.of(tile);
@@ -151,14 +151,14 @@ impl<'a> Walk<'a> {
             keys[at] = key;
             match tables.clone().find_map(|table| table.tile(tile).iter().find(|row| row.key == key)) {
                 Some(row) => {
-                    renamed |= TileSet::from(self.names[at] != row.name) << tile;
+                    bits_changed |= TileSet::from(self.names[at] != row.name) << tile;
                     self.settle(*row);
                 }
                 None => missed |= 1 << tile,
             }
         }
         self.open.settle();
-        (missed, renamed)
+        (missed, bits_changed)
     }
 
     fn settle(&mut self, row: TileRow) {
@@ -171,7 +171,7 @@ impl<'a> Walk<'a> {
 /// Tiles that would be traced, as far as that can be said without tracing: (live, stale). Tiles that a layer misses are not followed
 /// to the next: their share of what is stale is certain, and no other tile depends on them.
 pub fn stale_tiles(of: &Shadowing, inputs: &PatchInputs, tables: &[TileTable]) -> (TileSet, TileSet) {
-    let mut walk = Walk::new(of, inputs);
+    let mut walk = LayerLookup::new(of, inputs);
     let (live, mut stale) = (walk.open.live(), 0);
     let mut keys = [[0; 16]; N_TILES];
     for layer in 0..of.pieces.n_layers() {
@@ -192,7 +192,7 @@ pub fn resolve(
     load: &LoadChunk,
     bits: &mut PatchBits,
 ) -> Result<Resolution, BakeError> {
-    let mut walk = Walk::new(of, inputs);
+    let mut walk = LayerLookup::new(of, inputs);
     let live = walk.open.live();
     bits.reset(of.face_resolution, of.steps(inputs.plan.object), inputs.patch.n_points as usize);
     // Tiles whose bits in `bits` are those that the layers so far left; those that were traced at all.
@@ -200,8 +200,8 @@ pub fn resolve(
     let mut keys = [[0; 16]; N_TILES];
     for layer in 0..of.pieces.n_layers() {
         let tables = candidates.iter().map(|candidate| &candidate.row);
-        let (missed, renamed) = walk.layer(layer, 0, tables, &mut keys);
-        held &= !renamed;
+        let (missed, bits_changed) = walk.layer(layer, 0, tables, &mut keys);
+        held &= !bits_changed;
         if missed == 0 {
             continue;
         }

@@ -2,13 +2,13 @@
 
 use super::baker::{PatchTask, Scratch, Traced, VisibilityBaker};
 use super::bits::PatchBits;
-use super::delta::Before;
+use super::delta::PatchBefore;
 use super::patch::Shadowing;
 use crate::error::BakeError;
 use crate::factor::Taken;
 use crate::points::buried::Boxes;
 use crate::reach::edit::EditOccluders;
-use crate::reach::seen::{KnownPatch, Touch};
+use crate::reach::seen::{DiffHit, KnownPatch};
 use crate::reach::shaft::{BOX_POINTS, Bounds};
 use crate::reach::tile::{TileSet, tiles};
 use prelight_runtime::block_product::visibility::Visibility;
@@ -22,7 +22,7 @@ impl VisibilityBaker<'_> {
     /// Takes over a patch that an earlier bake found, and traces again what an edit may have changed of it. `None` where that cannot be told
     /// from the record.
     pub(crate) fn take(&self, task: &PatchTask, known: &KnownPatch, scratch: &mut Scratch) -> Result<Option<Taken<Traced>>, BakeError> {
-        let seen = known.light;
+        let seen = known.seen;
         let live = seen.reach.live();
         let kept = Traced { buried: seen.buried.clone(), reach: seen.reach.clone(), is_new: false, live, redone: 0, changed: 0 };
         let taken = Taken { descriptor: Some(seen.visibility.clone()), chunk: known.chunk.clone(), kept };
@@ -53,18 +53,18 @@ impl VisibilityBaker<'_> {
         &self,
         task: &PatchTask,
         known: &KnownPatch,
-        (touches, edit): (&[Touch], &EditOccluders),
+        (touches, edit): (&[DiffHit], &EditOccluders),
         Scratch { bits, delta }: &mut Scratch,
         taken: &mut Taken<Traced>,
     ) -> Result<(), BakeError> {
-        let (reach, raster) = (&known.light.reach, self.shadowing.raster(task.plan.object));
+        let (reach, raster) = (&known.seen.reach, self.shadowing.raster(task.plan.object));
         let before = Visibility::from_chunk(known.chunk)?;
         let (redone, changed, bytes) = if raster.in_part {
             let redone = reach.stale_from(touches, task.plan.origin[task.patch.range()].chunks(BOX_POINTS), raster);
             let changed = self.retrace_tiles(task, &before, taken.kept.live, redone, bits);
             (redone, changed, if changed == 0 { Vec::new() } else { bits.encode() })
         } else {
-            let what = Before { visibility: &before, reach, touches, edit };
+            let what = PatchBefore { visibility: &before, reach, touches, edit };
             let retraced = delta.retrace(self.shadowing.occluders, task.plan, task.patch, what);
             (retraced.redone, retraced.changed, if retraced.changed == 0 { Vec::new() } else { delta.encode(&before) })
         };
