@@ -4,8 +4,8 @@
 //! back can be compared. Everything goes into one buffer; floats are stored as they are.
 //!
 //! ```
-//! use crate::export::{GlbBuilder, Transform};
-//! use crate::{Mesh, Primitive};
+//! use prelight_scene::export::{GlbBuilder, Transform};
+//! use prelight_scene::{Mesh, Primitive};
 //! let mut glb = GlbBuilder::new();
 //! let material = glb.material(&Default::default());
 //! let triangle = Primitive {

@@ -119,6 +119,11 @@ impl Places {
         self.places.len()
     }
 
+    /// Whether there are none: an object without a surface.
+    pub fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+
     /// One of them alone.
     pub fn alone(&self, place: usize) -> Places {
         Places { places: vec![self.places[place].clone()], area: self.area }

@@ -56,7 +56,7 @@ impl Bounds {
     }
 
     /// Twenty-four bytes: least coordinates, then largest.
-    pub(crate) fn to_le_bytes(&self) -> [u8; 24] {
+    pub(crate) fn to_le_bytes(self) -> [u8; 24] {
         let values = [self.lower, self.upper];
         std::array::from_fn(|i| values.as_flattened()[i / 4].to_le_bytes()[i % 4])
     }

@@ -107,7 +107,7 @@ impl<'a> PointFractions<'a> {
     }
 
     /// Whether no texel is open in part.
-    pub(crate) fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.counts.is_empty()
     }
 
