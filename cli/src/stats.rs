@@ -163,7 +163,7 @@ struct Blocks {
 }
 
 impl Blocks {
-    /// Of the first patches in the order of their digests, which is as good as random.
+    /// A sample: the first patches in the order of their digests, which is as good as random.
     fn of(store: &Store, sharing: &Sharing) -> Result<Self, Failure> {
         let mut blocks = Blocks::default();
         let mut different: HashSet<[u8; 16]> = HashSet::new();

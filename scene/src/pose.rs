@@ -20,7 +20,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Shape {
     pub mesh: usize,
-    /// Of the morph targets; empty where none moves anything.
+    /// Weights of the morph targets; empty where none moves anything.
     pub weights: Vec<f32>,
     /// Index of the skin.
     pub skin: Option<usize>,

@@ -74,7 +74,7 @@ pub struct CheckReport {
     pub bytes: u64,
     /// What does not hold, in the order of the files' names.
     pub findings: Vec<Finding>,
-    /// Of the findings, those that are no files: links, pipes, folders where files belong. They are found anew by every check.
+    /// Findings that are no files: links, pipes, folders where files belong. They are found anew by every check.
     pub foreign: u64,
     /// An earlier check was gone on with.
     pub resumed: bool,

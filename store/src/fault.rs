@@ -68,7 +68,7 @@ macro_rules! fault_points {
     };
 }
 
-/// Of the points below, how many belong to publishing.
+/// Number of the points below that belong to publishing.
 const N_PUBLISH: usize = 15;
 
 fault_points! {

@@ -70,11 +70,11 @@ impl BakeStats {
 pub struct TileStats {
     /// Above the horizon of some point.
     pub live: u64,
-    /// Of patches that no record knew: all their live tiles.
+    /// Live tiles of patches that no record knew.
     pub new: u64,
-    /// Of patches that a record knew: traced, because something that reaches them is not as it was.
+    /// Tiles of patches that a record knew, traced because something that reaches them is not as it was.
     pub redone: u64,
-    /// Of those, the ones whose bits really changed.
+    /// Tiles among those whose bits really changed.
     pub changed: u64,
     /// Live tiles of patches that a record knew.
     pub known: u64,

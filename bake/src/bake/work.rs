@@ -39,9 +39,9 @@ pub(super) struct ObjectWork {
     pub plan: ObjectPlan,
     /// One per patch that has been traced or found, in order.
     pub visibility: Vec<(Descriptor, Chunk)>,
-    /// Likewise: what each depends on.
+    /// What each of those patches depends on.
     pub reaches: Vec<PatchReach>,
-    /// Likewise: points inside other solids.
+    /// Points inside other solids, of each of those patches.
     buried: Vec<Vec<u8>>,
     /// What an earlier bake found, as long as edges are split as they were then.
     known: Option<Box<KnownPatches>>,

@@ -29,11 +29,11 @@ pub struct Choice {
     pub budget: f64,
     /// Error on the probes that steer, at what was chosen.
     pub predicted: f64,
-    /// Of a declared object, what directions and bits alone lose, however many points there are; else 0.
+    /// What directions and bits alone lose on a declared object, however many points there are; else 0.
     pub at_points: f64,
     /// What was chosen.
     pub params: PointParams,
-    /// Of its texels at edges.
+    /// Shades of its texels at edges.
     pub shades: Shades,
     /// Points that it is expected to have.
     pub points: u64,

@@ -24,7 +24,7 @@ use crate::trace::{Occluders, Scratch, TraceOrigin};
 use prelight_manifests::quality::Shades;
 use prelight_runtime::block_product::visibility::open_words;
 
-/// Of a budget, what directions may lose; squares add, so that leaves 0.8 of it for what lies between points.
+/// Share of a budget that directions may lose; squares add, so that leaves 0.8 of it for what lies between points.
 const SHARE: f64 = 0.6;
 /// Objects that may lose more, as a share: they will be declared, and need not make all others dear.
 const MOST_ABOVE: f64 = 0.05;
@@ -34,7 +34,7 @@ const MOST_ABOVE: f64 = 0.05;
 pub struct Directions {
     /// Texels along a side of a face.
     pub face_resolution: u32,
-    /// Of a texel at an edge.
+    /// Shades of a texel at an edge.
     pub shades: Shades,
 }
 

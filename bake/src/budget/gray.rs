@@ -28,7 +28,7 @@ use prelight_manifests::quality::Shades;
 pub(super) const GRAY: Shades = Shades::Gray6;
 /// Candidates of an object that are asked for in gray, at most.
 const ASKED: usize = 12;
-/// Of the rest of one that was asked in vain, what the next may have.
+/// Share of the rest, after one was asked in vain, that the next may have.
 const STEP: f64 = 0.9;
 /// Gray that meets no budget either is taken where its error is at most this share of that of bits: it costs bytes and time.
 const WORTH: f64 = 0.8;

@@ -17,16 +17,16 @@ pub(crate) const LIGHTS: f64 = 0.9;
 
 /// The share of steering lights that a forecast looks at as well.
 const MORE_LIGHTS: f64 = 0.95;
-/// Of the error under that share, what counts. On 23 objects the 9 of 10 of other lights at other places came to at most 1.3 times the forecast, and
+/// Factor by which the error under that share counts. On 23 objects the 9 of 10 of other lights at other places came to at most 1.3 times the forecast, and
 /// to 1.9 times the error under nine of ten alone.
 const TAIL: f64 = 0.75;
 
 /// Squares summed over places and channels, one pair a light.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sums {
-    /// Of (shown − true).
+    /// Moments of (shown − true).
     pub difference: Vec<f64>,
-    /// Of true.
+    /// Moments of what is true.
     pub truth: Vec<f64>,
 }
 
@@ -117,7 +117,6 @@ fn measure(plan: &ObjectPlan, places: &Places, probes: &Probes, light: &mut dyn 
 }
 
 /// What draw shows at a place under each light; `None` where no corner has a point that counts.
-#[expect(clippy::too_many_arguments, reason = "a place, and where its light comes from")]
 fn shown(
     plan: &ObjectPlan,
     mesh: &Mesh,

@@ -18,7 +18,7 @@ use crate::trace::{Occluders, Scratch, TraceOrigin};
 use prelight_runtime::block_product::visibility::{Visibility, open_words};
 use prelight_scene::world::World;
 
-/// Of so many places one is held against finer directions: each takes as long as thirty points.
+/// Places of which one is held against finer directions: each takes as long as thirty points.
 const GRID_STRIDE: usize = 12;
 
 /// Which of two independent draws.
@@ -35,7 +35,7 @@ pub enum PlaceSet {
 pub(super) struct Place {
     /// Index into [`BaseMesh::triangles`].
     pub base: u32,
-    /// Of its corners.
+    /// Weights of the triangle's corners.
     pub weights: [f64; 3],
     /// On the back of a double-sided surface.
     pub back: bool,
@@ -52,7 +52,7 @@ pub(super) struct Place {
 #[derive(Clone, Debug, Default)]
 pub struct Places {
     pub(super) places: Vec<Place>,
-    /// Of the object, m².
+    /// Area of the object, m².
     pub(super) area: f64,
 }
 

@@ -24,14 +24,14 @@ pub(crate) const TRUE_RESOLUTION: usize = 128;
 /// Texels along a face's side of what stands in for the exact environment, where the grid's own error is asked for.
 pub(crate) const EXACT_RESOLUTION: usize = 256;
 
-/// Of the directions of probes that judge.
+/// Seed of the directions of probes that judge.
 const HELD_BACK_SEED: u64 = 20_261_123;
 
 /// Angular radius of a sun, degrees.
 const SUN_RADIUS: f64 = 0.9;
 /// Irradiance of a surface that faces a sun; the clear sky gives about one.
 const SUN: [f64; 3] = [4.0, 3.7, 3.1];
-/// Of one that faces a lamp; the room gives about 0.16.
+/// Irradiance of a point that faces a lamp; the room gives about 0.16.
 const LAMP: [f64; 3] = [1.6, 1.5, 1.4];
 
 /// Light that probes share.
@@ -216,7 +216,7 @@ impl Probes {
         probes
     }
 
-    /// Of how many lights, which come first, the error is the one that judges.
+    /// Number of lights, the first ones, whose error is the one that judges.
     pub fn n_held_back(&self) -> usize {
         self.lights.iter().take_while(|probe| probe.is_held_back).count()
     }
@@ -285,7 +285,7 @@ fn painted_lamps(lamps: &[Lamp]) -> Environment {
             }
             for (x, [cosine, sine]) in longitudes.iter().enumerate() {
                 if dot([level * cosine, height, level * sine], lamp.direction) > least {
-                    // Of a small disc the irradiance is its radiance times π sin².
+                    // A small disc gives its radiance times π sin².
                     let whole = PI * libm::sin(angle) * libm::sin(angle) * (SIDE * SIDE) as f64;
                     let pixel = &mut image.pixels[y / SIDE * SIZE[0] + x / SIDE];
                     (0..3).for_each(|c| pixel[c] += (lamp.irradiance[c] / whole) as f32);

@@ -23,7 +23,7 @@ const LEAK_SHARE: f64 = 0.05;
 
 /// A wall that leaks.
 struct Wall {
-    /// Of the thinnest leaking place, metres; 0 for a sheet.
+    /// Thickness of the thinnest leaking place, metres; 0 for a sheet.
     thickness: f32,
     /// Shortest edges there, metres.
     finest: f32,

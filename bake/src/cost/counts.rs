@@ -40,7 +40,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Of a scene; what a store knows, if there is one.
+    /// Counts of a scene; what a store knows, if there is one.
     ///
     /// # Errors
     /// What the store says.
@@ -99,7 +99,7 @@ pub(crate) struct Counter<'a> {
 }
 
 impl<'a> Counter<'a> {
-    /// Of all objects of a scene.
+    /// A counter of all objects of a scene.
     pub(crate) fn new(scene: &'a Scene, world: &'a World, counts: &'a Counts) -> Self {
         Counter { scene, world, counts, welded: (0..scene.objects.len()).map(|_| OnceLock::new()).collect() }
     }
@@ -132,7 +132,7 @@ impl<'a> Counter<'a> {
         (0..self.welded.len()).into_par_iter().map(|object| self.count(object, params, u64::MAX).points).collect()
     }
 
-    /// Of all objects.
+    /// Points and triangles of all objects.
     pub(crate) fn total(&self, params: &PointParams, enough: u64) -> PointCount {
         let add = |a: PointCount, b: PointCount| PointCount { points: a.points + b.points, triangles: a.triangles + b.triangles };
         (0..self.welded.len()).into_par_iter().map(|object| self.count(object, params, enough)).reduce(PointCount::default, add)

@@ -52,7 +52,7 @@ pub struct Estimate {
     pub bytes_memory: u64,
     /// Wall seconds of a bake from nothing: traced points scaled up. Within a factor of two.
     pub seconds: f64,
-    /// Of those, the ones that any bake takes, whatever is in the store.
+    /// Seconds among those that any bake takes, whatever is in the store.
     pub seconds_fixed: f64,
 }
 

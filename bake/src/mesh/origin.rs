@@ -69,7 +69,7 @@ pub(crate) struct Facet {
 }
 
 impl Facet {
-    /// Of a triangle's corners.
+    /// The facet of a triangle's corners.
     pub(crate) fn new(corners: &[[f32; 3]; 3]) -> Facet {
         let twice = area_normal(corners);
         let weight = twice.length();

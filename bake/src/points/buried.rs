@@ -65,12 +65,12 @@ pub(crate) type Meets<'a> = dyn Fn([f32; 3], [f32; 3], f32) -> bool + 'a;
 /// Where something is that was not, or was and is not.
 pub(crate) struct Boxes<'a> {
     each: &'a [Bounds],
-    /// Of all together; `None` where there is none.
+    /// Bounds of all together; `None` where there is none.
     all: Option<Bounds>,
 }
 
 impl<'a> Boxes<'a> {
-    /// Of these.
+    /// Some boxes, and the bounds of all of them.
     pub(crate) fn new(each: &'a [Bounds]) -> Boxes<'a> {
         let joined = |mut all: Bounds, bounds: &Bounds| {
             all.join(bounds);

@@ -25,7 +25,7 @@ pub(crate) struct Drafts {
 }
 
 impl Drafts {
-    /// Of some refined points; `level` in place of their own, where they come later than their level.
+    /// Drafts of some refined points; `level` in place of their own, where they come later than their level.
     pub(crate) fn new(base: &BaseMesh, refined: &Refined, points: &[u32], level: Option<u8>, edge_length: f32) -> Drafts {
         let (holders, lattice) = (Holders::new(base), Lattice::new(base));
         let mut drafts = Drafts { sides: Vec::with_capacity(points.len()), excluded: Vec::with_capacity(points.len()) };

@@ -51,7 +51,7 @@ impl DigestSum {
 pub struct Piece {
     /// Index of the object in the scene; enters no key.
     pub object: u32,
-    /// Of the positions as traced.
+    /// Bounds of the positions as traced.
     pub bounds: Bounds,
     /// What visibility reads.
     pub digest: DigestSum,

@@ -100,7 +100,7 @@ impl PatchReach {
         tiles_of_faces(&cells) & self.live()
     }
 
-    /// Of the tiles that pieces may have made another, those that they reach from one of the boxes around parts of the origins.
+    /// Tiles that pieces may have made another and that they reach from one of the boxes around parts of the origins.
     pub(crate) fn stale_from<'a>(&self, touches: &[DiffHit], origins: impl Iterator<Item = &'a [[f32; 3]]>, raster: Raster) -> TileSet {
         let mut cells = [0; 6];
         for part in origins {

@@ -89,7 +89,7 @@ pub struct OriginBoxes {
 }
 
 impl OriginBoxes {
-    /// Of the ray origins of a patch, in order, as traced.
+    /// Boxes of the ray origins of a patch, in order, as traced.
     pub(crate) fn new(origins: impl Iterator<Item = [f32; 3]>) -> OriginBoxes {
         let (mut boxes, mut patch) = (Vec::with_capacity(MAX_BOXES), Bounds::EMPTY);
         for (i, origin) in origins.enumerate() {
@@ -113,7 +113,7 @@ pub(crate) struct Raster {
 }
 
 impl Raster {
-    /// Of an object whose texels have these shades.
+    /// The raster of an object whose texels have these shades.
     pub(crate) fn new(face_resolution: u32, shades: Shades) -> Self {
         Raster { face_resolution: face_resolution as usize, in_part: shades != Shades::Binary }
     }

@@ -49,7 +49,7 @@ const PIECE_BYTES: usize = 1 + 16 + 24 + 4;
 const NO_SOURCE: u32 = u32::MAX;
 
 impl Snapshot {
-    /// Of a scene. `sources`: one per object, where it is known.
+    /// The snapshot of a scene. `sources`: one per object, where it is known.
     pub(crate) fn new(pieces: &Pieces, sources: Vec<Option<Source>>) -> Snapshot {
         let mut numbers = vec![NO_SOURCE; sources.len()];
         let mut kept = Vec::with_capacity(sources.len());

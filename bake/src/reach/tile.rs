@@ -68,7 +68,7 @@ fn place_cells(four: u64, tile: u8) -> u64 {
 pub(crate) struct OpenCells {
     /// `[boxes][faces]`.
     boxes: Vec<[u64; 6]>,
-    /// Of all boxes together.
+    /// Cells of all boxes together.
     patch: [u64; 6],
 }
 

@@ -10,7 +10,7 @@
 //! shows; of a few, the one that matters is picked. Without bias: the mean over picks is Σ f n·l L_env V / d, a sum over both strategies by the
 //! balance heuristic. Source: Talbot, Cline, Egbert 2005, "Importance resampling for global illumination".
 //!
-//! Of noise² · CPU time on two scenes under five maps, one direction from each strategy needs 0.8 to 5 times as much (least under soft skies, most
+//! By noise² · CPU time on two scenes under five maps, one direction from each strategy needs 0.8 to 5 times as much (least under soft skies, most
 //! under lamps; 1.7 in the mean). 8 and 4 candidates leave two thirds of this noise under lamps, no less elsewhere, at twice the time.
 //!
 //! Weights know nothing of what is hidden: in a room, a sun that is blocked nearly everywhere takes most picks, and pictures have 1 to 3 dB more noise at
@@ -33,7 +33,7 @@ struct Candidate {
     direction: [f32; 3],
     /// f n·l L_env.
     light: [f64; 3],
-    /// Of `light`.
+    /// Luminance of `light`.
     target: f64,
     /// Running sum of weights, this one's included.
     until: f64,

@@ -61,7 +61,7 @@ pub(crate) struct ObjectChunks {
 }
 
 impl ObjectChunks {
-    /// Of a finished object.
+    /// The chunks of a finished object.
     pub(crate) fn new(object: &AssetObject, counts: ObjectCounts) -> ObjectChunks {
         let patches = object.patches.iter().map(|patch| [patch.points.clone(), patch.surface.clone()]).collect();
         ObjectChunks { counts, base: object.base.clone(), mesh: object.mesh.clone(), patches }
@@ -253,7 +253,7 @@ fn whole_key(scene: &Scene, object: usize, seen: &Digest, mesh: &Digest, texture
     hasher.finish()
 }
 
-/// Of what blocks light now.
+/// The snapshot of what blocks light now.
 pub(crate) fn snapshot(pieces: &Pieces, keys: &[Option<ObjectKey>]) -> Snapshot {
     Snapshot::new(pieces, keys.iter().map(|key| Some(key.as_ref()?.source.clone())).collect())
 }

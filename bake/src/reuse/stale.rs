@@ -29,7 +29,7 @@ pub struct Stale {
     pub patches: u64,
     /// Their live tiles.
     pub live: u64,
-    /// Of those, the ones to trace.
+    /// Live tiles that are to be traced.
     pub tiles: u64,
     /// Points times the share of their live tiles to trace: what time goes with.
     pub points: f64,

@@ -54,7 +54,7 @@ impl Edges {
 pub(crate) trait SampleKernel: Kernel {
     /// Edge planes and rectangles of the block's triangles that touch an open texel; bit a lane.
     fn triangles(self, scene: Scene, block: usize, view: &View, window: &Window, out: &mut Triangles) -> u32;
-    /// Of eight texels from a column on: those that are covered whole, and those that are covered in part. `rows` holds, for each edge, its
+    /// Texels covered whole, and texels covered in part, of eight from a column on. `rows` holds, for each edge, its
     /// largest and least value over the row's offsets before the columns are added.
     fn texels(self, du: &[f32; LANES], edges: &Edges, rows: &[[f32; 2]; 3]) -> [u32; 2];
     /// Covered samples of a texel, bit 8·j + i.

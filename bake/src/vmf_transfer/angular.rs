@@ -5,7 +5,7 @@
 //! noise    = 2 √(Σ N² · 3 / M_eff / Σ (N² + floor²))                         over the slices asked for
 //! ```
 //!
-//! Of a level's many new corners every so many is asked, `ASKED` in all: the mean over them is good to a tenth, and slices take time.
+//! Every so many of a level's new corners is asked, `ASKED` in all: the mean over them is good to a tenth, and slices take time.
 //! Level n is kept as soon as error(n) is within the budget, or within the noise: two independent fits of one slice differ by √(3 / M_eff) of its
 //! norm, so more directions would store noise. Slices that hardly any path reaches are noisy and faint, and count as little as they show.
 //! Distances are L2 norms of lobes, class by class. The floor keeps points that other surfaces barely reach from refining. A chart that looks

@@ -49,7 +49,7 @@ pub(crate) struct End<'a> {
     pub transfer: PointTransfer<'a>,
     /// The normal that its slices lie about.
     pub normal: [f32; 3],
-    /// That of its slices, as [`crate::vmf_transfer::angular`] has it.
+    /// Noise of its slices, as [`crate::vmf_transfer::angular`] has it.
     pub noise: f32,
 }
 

@@ -199,7 +199,7 @@ pub(crate) struct Slices<'a> {
     lobe_frame: [[f64; 3]; 3],
     /// `[ends]` primary direction in the lobe's axes.
     primary: Vec<[f64; 3]>,
-    /// Of a Blinn–Phong lobe whose exponent is even: its normalisation, and half the exponent.
+    /// Normalisation and half the exponent of a Blinn–Phong lobe whose exponent is even.
     power: Option<(f64, u32)>,
 }
 
@@ -247,7 +247,7 @@ fn into_frame(frame: &[[f64; 3]; 3], d: [f32; 3]) -> [f64; 3] {
 }
 
 impl<'a> Slices<'a> {
-    /// Of a point with these paths.
+    /// The slices of a point with these paths.
     pub(crate) fn new(paths: &'a PathSet, receiver: &PointLobe<'a>) -> Self {
         let (t, b) = tangents(receiver.normal);
         let frame = [t, b, receiver.normal];

@@ -26,7 +26,7 @@ pub struct Fingerprint {
 }
 
 impl Fingerprint {
-    /// Of a scene and its objects' knobs, one each.
+    /// The fingerprint of a scene and its objects' knobs, one each.
     pub fn new(scene: &Scene, params: &[PointParams]) -> Self {
         let textures: Vec<Digest> = (scene.textures.iter())
             .map(|texture| {

@@ -52,7 +52,7 @@ pub(crate) struct Level {
     pub radius: Vec<f32>,
     /// Mean square distance of what shines from `direction`.
     pub spread: Vec<f32>,
-    /// Of blocks, the most of any of their cells: weight · spread, and weight · √spread. 0 elsewhere.
+    /// The most of any cell of each block: weight · spread, and weight · √spread. 0 elsewhere.
     pub cells: [Vec<f32>; 2],
 }
 

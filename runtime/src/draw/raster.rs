@@ -153,7 +153,7 @@ struct Rasteriser<'a> {
 
 /// Arrays of a triangle's samples, kept between triangles.
 struct Scratch {
-    /// Of the three edges and of 1/z, at each sample relative to its pixel.
+    /// Offsets of the three edges and of 1/z, at each sample relative to its pixel.
     offsets: [[f32; MAX_SAMPLES]; 4],
     inverse_z: [f32; MAX_SAMPLES],
 }

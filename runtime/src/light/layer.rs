@@ -81,7 +81,7 @@ pub enum Held {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct LightOptions {
-    /// Of glossy light.
+    /// Accuracy of glossy light.
     pub accuracy: Accuracy,
     /// Light that came over other surfaces.
     pub indirect: Indirect,

@@ -9,7 +9,7 @@ use crate::chunk::mesh::{Lit, Mesh};
 use crate::chunk::surface::PointSurfaces;
 use crate::light::PointLobe;
 
-/// Of one point. Zeros where its material needs none of it.
+/// Details of one point. Zeros where its material needs none of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Detail {
     /// Direction of the first width of an anisotropic lobe.

@@ -63,7 +63,7 @@ pub struct PointRecords {
 }
 
 impl PointRecords {
-    /// Of a point that nothing reaches over other surfaces.
+    /// Records of a point that nothing reaches over other surfaces.
     pub const DARK: PointRecords = PointRecords { level: NO_SLICES, irradiance: Vec::new(), kept: Vec::new(), slices: Vec::new() };
 
     /// As a chunk will show it.

@@ -46,7 +46,7 @@ fn metadata(stat: &Stat) -> Metadata {
     }
 }
 
-/// Of a call that failed, whether it failed at something that does not belong there.
+/// The error of a call that failed: that something which does not belong there stood in the way, where that is so.
 fn explain(folder: &OwnedFd, name: &OsStr, at: &RootedPath, wanted: Kind, error: Errno) -> io::Error {
     if let Ok(stat) = statat(folder, name, AtFlags::SYMLINK_NOFOLLOW) {
         let found = metadata(&stat).kind;

@@ -42,7 +42,7 @@ pub(crate) struct Traced {
     pub live: TileSet,
     /// Tiles that were traced.
     pub redone: TileSet,
-    /// Of those, the ones whose bits no record had.
+    /// Tiles among those whose bits no record had.
     pub changed: TileSet,
 }
 
@@ -78,9 +78,9 @@ pub(crate) struct VisibilityRound<'a> {
 /// Memory of a thread: the texels of the patch in work.
 #[derive(Default)]
 pub struct Scratch {
-    /// Of a patch that is looked up or traced whole.
+    /// Bits of a patch that is looked up or traced whole.
     pub(crate) bits: PatchBits,
-    /// Of a patch of which an edit changed some.
+    /// A patch of which an edit changed some texels.
     pub(crate) delta: PatchRetracer,
 }
 

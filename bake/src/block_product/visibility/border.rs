@@ -28,10 +28,10 @@ pub(crate) struct SecondMoments {
 }
 
 impl SecondMoments {
-    /// Of cubemaps of a face resolution, 64 or 128; made once.
+    /// The moments of cubemaps of a face resolution, 64 or 128; made once.
     ///
     /// # Panics
-    /// Of any other face resolution.
+    /// Any other face resolution.
     pub(crate) fn of(face_resolution: usize) -> &'static Self {
         static TABLES: [OnceLock<SecondMoments>; 2] = [OnceLock::new(), OnceLock::new()];
         let table = [64, 128].iter().position(|known| *known == face_resolution).expect("a face resolution of bakes");

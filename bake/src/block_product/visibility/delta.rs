@@ -37,9 +37,9 @@ pub(crate) struct PatchRetracer {
     /// Points that are not as they were, ascending, and their bits.
     changed_points: Vec<usize>,
     open: Vec<u64>,
-    /// Of the point at hand, bits as they were; those of faces that nothing reaches are not to be read.
+    /// Bits of the point at hand as they were; those of faces that nothing reaches are not to be read.
     point: Vec<u64>,
-    /// Of one point, `[6, n, n/64]` each: where what is gone, and what is new, may be seen; what is being traced; what is asked; what is
+    /// Masks of one point, `[6, n, n/64]` each: where what is gone, and what is new, may be seen; what is being traced; what is asked; what is
     /// above the horizon.
     gone: Vec<u64>,
     new: Vec<u64>,
@@ -57,7 +57,7 @@ pub(crate) struct PatchRetracer {
 pub(crate) struct Retraced {
     /// Tiles of which a texel was traced.
     pub redone: TileSet,
-    /// Of those, the ones of which a bit is not as it was.
+    /// Tiles among those of which a bit is not as it was.
     pub changed: TileSet,
 }
 
@@ -76,7 +76,7 @@ pub(crate) struct PatchBefore<'a> {
 
 /// Where pieces of one kind may be seen on one face.
 struct Seen {
-    /// Of all of them; `None` where there is none.
+    /// Bounds of all of them; `None` where there is none.
     bounds: Option<Bounds>,
     /// The first layer that one of them is in.
     layer: usize,

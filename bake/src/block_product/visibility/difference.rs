@@ -53,7 +53,7 @@ impl OpenBits {
     /// Points whose bits are kept: 6 MiB at faces of 64².
     const SLOTS: usize = 2048;
 
-    /// Of cubemaps with `texels` = 6·n² texels. Takes memory with the first point only.
+    /// Memory for cubemaps with `texels` = 6·n² texels. Takes memory with the first point only.
     pub(crate) fn new(texels: usize) -> Self {
         OpenBits { texels, slots: Vec::new(), bits: Vec::new() }
     }

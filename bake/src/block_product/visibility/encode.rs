@@ -157,7 +157,7 @@ struct Lists {
     start: Vec<u32>,
     blocks: Vec<u32>,
     stream: Vec<u8>,
-    /// Of the present point: its mask and its positions; its counts are in the stream already.
+    /// Mask of the present point; its counts are in the stream already.
     mask: [u32; 12],
     positions: Vec<u8>,
 }

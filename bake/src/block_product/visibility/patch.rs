@@ -99,7 +99,7 @@ pub struct Resolved {
     pub open: Vec<[u64; 6]>,
     /// Tiles that were traced.
     pub redone: TileSet,
-    /// Of those, the ones whose bits no candidate has; none where there was no candidate.
+    /// Tiles among those whose bits no candidate has; none where there was no candidate.
     pub changed: TileSet,
     /// The candidate whose chunk is this patch's, if there is one, and the chunk; else the bits are in [`PatchBits`].
     pub same: Option<(usize, Chunk)>,

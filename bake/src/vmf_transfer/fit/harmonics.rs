@@ -32,7 +32,7 @@ pub(crate) fn harmonics_bytes(bands: usize) -> usize {
     6 * bands * bands
 }
 
-/// Of paths, of which `generated` were drawn in all.
+/// Coefficients of paths, of which `generated` were drawn in all.
 pub(crate) fn of_paths(samples: &[PathSample], generated: u64, bands: usize) -> Coefficients {
     let recurrence = Recurrence::new();
     let (mut sum, mut basis) = (vec![[0.0; 3]; bands * bands], vec![0.0; bands * bands]);
@@ -47,7 +47,7 @@ pub(crate) fn of_paths(samples: &[PathSample], generated: u64, bands: usize) -> 
     sum
 }
 
-/// Of a sum of lobes.
+/// Coefficients of a sum of lobes.
 pub(crate) fn of_lobes(lobes: &[Lobe], bands: usize) -> Coefficients {
     let recurrence = Recurrence::new();
     let (mut sum, mut basis) = (vec![[0.0; 3]; bands * bands], vec![0.0; bands * bands]);

@@ -16,7 +16,7 @@ pub struct ShLight {
 }
 
 impl ShLight {
-    /// Of a cubemap, in 1..=[`MAX_BANDS`] bands. About a third of a second for 100 coefficients at 64².
+    /// The light of a cubemap, in 1..=[`MAX_BANDS`] bands. About a third of a second for 100 coefficients at 64².
     pub fn new(light: &LightCubemap, bands: usize) -> Self {
         assert!((1..=MAX_BANDS).contains(&bands), "{bands} bands");
         let (n, count) = (light.face_resolution, coefficients(bands));

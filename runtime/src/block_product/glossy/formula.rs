@@ -227,7 +227,7 @@ fn smith<L: Lanes>(lanes: L, lobe: &Registers<L>, z: L::V) -> (L::V, L::V) {
     (lanes.fma(z, lobe.smith_view, lanes.mul(lobe.view[2], lanes.mul(square, inverse))), inverse)
 }
 
-/// Of n·l/(n·l S(v) + n·v S(l)) with one width: the most, and half the second derivative relative to that.
+/// Bounds of n·l/(n·l S(v) + n·v S(l)) with one width: the most, and half the second derivative relative to that.
 #[inline(always)]
 fn shadowed_cosine<L: Lanes>(lanes: L, lobe: &Registers<L>, z: L::V, r: L::V) -> (L::V, L::V) {
     let a = lobe.smith[0];

@@ -102,7 +102,7 @@ impl<F: Formula> Smooth<'_, F> {
     }
 }
 
-/// Of the runs of a group, in thresholds: `most`, and that times the light; the share of it that one sample misses; κ; which straddle the horizon,
+/// Bounds of the runs of a group, in thresholds: `most`, and that times the light; the share of it that one sample misses; κ; which straddle the horizon,
 /// of which one sample misses everything.
 struct Misses<L: Lanes> {
     most: L::V,

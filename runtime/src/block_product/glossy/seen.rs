@@ -12,10 +12,10 @@ pub(super) struct Seen {
     pub open: [u16; MAX_BLOCKS / WIDTH],
     /// Blocks with transitions inside, or with texels open in part.
     pub mixed: [u16; MAX_BLOCKS / WIDTH],
-    /// Of a block with texels open in part: where they start among the point's, and how many there are. Of others, anything.
+    /// Start and number of a block's texels that are open in part, among the point's; anything for blocks without such.
     part: [u32; MAX_BLOCKS],
     n_parts: [u16; MAX_BLOCKS],
-    /// Of a block with transitions: where its positions start, how many there are, and the bit before the first.
+    /// Start of a block's transitions, how many there are, and the bit before the first; for blocks that have any.
     first: [u32; MAX_BLOCKS],
     count: [u16; MAX_BLOCKS],
     before: [bool; MAX_BLOCKS],

@@ -109,7 +109,7 @@ impl Tiles {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cap {
     middle: [f32; 3],
-    /// Of the angle from the middle to the edge; −1 is everything.
+    /// Cosine of the angle from the middle to the edge; −1 is everything.
     cosine: f32,
     sine: f32,
 }
