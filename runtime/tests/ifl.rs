@@ -114,7 +114,7 @@ fn algorithm_1_equals_its_plain_form_and_every_block_takes_one_line() {
     }
 }
 
-/// The paper's accuracy: near 40 dB where one cosine stands for a block (erratum 7). Not more than it claims, not less.
+/// The paper's accuracy: near 40 dB where one cosine stands for a block (\[IFL\] erratum 7). Not more than it claims, not less.
 #[test]
 fn paper_mode_is_as_far_from_the_texels_as_one_sample_a_block_must_be() {
     let patch = Patch::among_occluders(N, 48, 5);

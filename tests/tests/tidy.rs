@@ -112,3 +112,18 @@ fn no_loose_ends_and_no_paths_of_a_machine() {
         }
     }
 }
+
+#[test]
+fn docs_name_their_noun_and_cite_errata_by_paper() {
+    for (path, text) in all_sources().iter().filter(|(path, _)| path.contains("/src/")) {
+        for line in text.lines().map(str::trim_start) {
+            let Some(doc) = line.strip_prefix("///").or(line.strip_prefix("//!")) else { continue };
+            let first = ["Of ", "Likewise", "That of "].iter().find(|first| doc.trim_start().starts_with(**first));
+            assert!(first.is_none(), "{path}: a doc begins with {first:?}: {doc}");
+            let named = ["IFL", "LD09", "XJHT06", "Ove06"].into_iter().find(|key| doc.contains(key));
+            let cites = doc.contains("erratum ") || doc.contains("errata ");
+            assert!(!cites || named.is_some(), "{path}: an erratum of no paper: {doc}");
+            assert!(!doc.contains("DESIGN"), "{path} cites what is not in the repository: {doc}");
+        }
+    }
+}

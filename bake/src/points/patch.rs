@@ -8,7 +8,7 @@
 //! Base points that are many (a side and axis with more than 1024) come in two runs: first one from each cell of at most 32, then the rest
 //! (*fine*). So the first patches of an object are spread over all of it, and few: a preview ([`crate::points::preview`]) needs nothing else.
 //!
-//! Each point lies in one cell: where DESIGN gives a border point to the patch with the smallest name there is nothing to decide.
+//! Each point lies in one cell: a border point belongs to one patch, and there is nothing to decide.
 
 use crate::mesh::morton::interleave;
 use crate::mesh::weld::BaseMesh;

@@ -11,7 +11,7 @@
 //! carries nothing. Same surfaces, normals, origins and densities as the reference, so the mean of the estimate is that of
 //! [`crate::reference`] with as many bounces. Random numbers come from (seed, the point's origin, sample): no index, no thread.
 //!
-//! Source: \[LD09\] section 5; weights by erratum 6 (the true BRDF over the density, not the product of lobe weights).
+//! Source: \[LD09\] section 5, erratum 6 for the weights (the true BRDF over the density, not the product of lobe weights).
 
 use super::{Occluders, TraceOrigin};
 use crate::trace::hit::{Reflection, Shading, Surfaces};

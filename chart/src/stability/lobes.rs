@@ -69,7 +69,7 @@ pub fn unlike(_: &Bench) -> Result<Found, BakeError> {
     Ok(Found { figures: vec![broken as f64, worst], ..Found::default() })
 }
 
-/// κ, P(κ), A(κ): errata 1.1, 50 digits rounded.
+/// κ, P(κ), A(κ) of PAPERS.md, [LD09] erratum 3: 50 digits, rounded.
 const WIDTHS: [(f64, f64, f64); 8] = [
     (1e-8, 0.079_577_472_341_722_4, 3.333_333_333_333_33e-9),
     (1e-4, 0.079_585_429_558_360_5, 3.333_333_331_111_11e-5),

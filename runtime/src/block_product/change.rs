@@ -4,7 +4,7 @@
 //! E[c][a] += Σ_changed blocks Σ_runs ( S[begin] − S[end] )        S: suffix sums inside a block of (moment after − moment before)
 //! ```
 //!
-//! Drift. B += T·ΔL in f32 leaks where a light flashes: rounding the large sum is never taken back, 3e-2 after 10⁵ frames (errata 3.2). So
+//! Drift. B += T·ΔL in f32 leaks where a light flashes: rounding the large sum is never taken back, 3e-2 after 10⁵ frames (PAPERS.md, \[Ove06\] erratum 2). So
 //! differences are taken in f64 of the stored f32 moments, summed in f64, and the irradiance is kept as two f32, the second holding what the
 //! first rounds away: 2⁻⁴⁸ a frame. What a full pass rounded stays: relative to the light at that time, so [`LightChange::allows`] asks for
 //! a full pass once the light has fallen to a thousandth of that.

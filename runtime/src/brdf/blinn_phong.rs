@@ -4,7 +4,7 @@
 //! f·n·l = N · (n·h)ˢ · n·l,       N = (s + 2)(s + 4) / (8π (2^(−s/2) + s))
 //! ```
 //!
-//! N gives an albedo of 1 seen along the normal and less elsewhere; the often used (s + 8)/(8π) gives up to 1.07 (errata 1.7).
+//! N gives an albedo of 1 seen along the normal and less elsewhere; the often used (s + 8)/(8π) gives up to 1.07.
 //! The power is taken as exp(−s/2 · log1p(tan²θ_h)), exact at any exponent.
 //! Directions are in the frame (tangent, bitangent, normal).
 

@@ -4,7 +4,7 @@
 //! f·n·l = D G F / (4 n·v),    D = exp(−tan²θ_h/m²) / (π m² cos⁴θ_h),    G = min(1, 2 n·h n·v / v·h, 2 n·h n·l / v·h)
 //! ```
 //!
-//! The denominator is 4, not 4π: D is normalised, ∫ D cos θ_h = 1 (errata 3.9). n·l of the denominator is cancelled against the transport
+//! The denominator is 4, not 4π: D is normalised, ∫ D cos θ_h = 1 (PAPERS.md, \[Ove06\] erratum 5). n·l of the denominator is cancelled against the transport
 //! cosine, so grazing stays finite. F0·terms\[0\] + terms\[1\] as in [`super::ggx`].
 //! Directions are in the frame (tangent, bitangent, normal). Sources: Cook and Torrance 1982; \[Ove06\] Eq. 3.10, corrected.
 

@@ -10,7 +10,7 @@ pub fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) ->
 
 /// Two unit vectors that form a right-handed frame (t, b, n) with the unit vector `n`.
 ///
-/// No singularity over the whole sphere: the sign of n.z picks the branch (errata 1.5).
+/// No singularity over the whole sphere: the sign of n.z picks the branch.
 pub fn tangents(n: [f32; 3]) -> ([f32; 3], [f32; 3]) {
     let sign = 1.0f32.copysign(n[2]);
     let a = -1.0 / (sign + n[2]);

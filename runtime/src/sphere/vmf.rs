@@ -2,10 +2,10 @@
 //!
 //! ```text
 //! γ(s) = c(κ) e^(κ μ·s),   c = κ / (4π sinh κ)            Source: [LD09] Eq. 5, 16
-//!      = P(κ) e^(−κ |μ − s|² / 2),   P = κ / (2π (1 − e^(−2κ)))           as evaluated, erratum 3
+//!      = P(κ) e^(−κ |μ − s|² / 2),   P = κ / (2π (1 − e^(−2κ)))           as evaluated, [LD09] erratum 3
 //! A(κ) = ∫ γ μ·s dω = coth κ − 1/κ                        mean cosine
 //! S(κ) = ∫ γ² dω    = κ coth κ / 4π                       squared norm
-//! t    = 1 − μ·s    = −ln(1 + u (e^(−2κ) − 1)) / κ        sampling; u uniform in 0..1; erratum 4
+//! t    = 1 − μ·s    = −ln(1 + u (e^(−2κ) − 1)) / κ        sampling; u uniform in 0..1; [LD09] erratum 4
 //! ```
 //!
 //! | symbol | here |

@@ -62,7 +62,7 @@ impl IflVisibility {
         8 * (self.open.len() + self.partial.len()) + self.counts.len() + self.positions.len()
     }
 
-    /// Bytes of the positions as base-128 varints of the positions themselves, as the paper stores them: two from 128 on (erratum 10).
+    /// Bytes of the positions as base-128 varints of the positions themselves, as the paper stores them: two from 128 on (\[IFL\] erratum 10).
     pub fn varint_bytes(&self) -> usize {
         8 * (self.open.len() + self.partial.len())
             + self.counts.len()
