@@ -12,7 +12,7 @@
 //! - a component that holds less than [`LEAST_MASS`] effective samples is moved to the worst explained sample, the second time it is dropped;
 //! - κ carries the factor (M_eff − 2) / M_eff and ends at [`prelight_runtime::sphere::vmf::KAPPA_MAX`];
 //! - it stops when a step gains less than 10⁻⁷ of log-likelihood per sample;
-//! - the best of [`RESTARTS`] starts with seeds far apart is kept, by likelihood;
+//! - the best of several starts with seeds far apart is kept, by likelihood;
 //! - no more components than one per [`LEAST_MASS`] effective samples.
 //!
 //! Weights are exact: the lobes' RGB weights add up to (1/M) Σ W whatever the fit does. Source: \[LD09\] section 5 names the method and leaves

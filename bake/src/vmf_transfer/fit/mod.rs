@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`vmf`] | one lobe from weighted directions, in closed form |
 //! | [`mixture`] | several lobes from weighted directions, by soft expectation maximisation |
-//! | [`harmonics`] | spherical harmonics of paths and of lobes, and what each costs |
+//! | `harmonics`, in tests | spherical harmonics of paths and of lobes, and what each costs |
 //! | [`thin`] | which slices need not be stored |
 //! | [`mod@slice`] | lobes of a BRDF's slice in the least-squares sense |
 
