@@ -41,13 +41,13 @@ pub struct GlossyRow {
     pub environment: String,
     /// View.
     pub view: String,
-    /// Of the direct picture, against the reference with bounces.
+    /// Relative L2 of the direct picture, against the reference with bounces.
     pub direct_relative_l2: Option<f64>,
     /// With indirect light.
     pub relative_l2: Option<f64>,
     /// Free of the reference's noise, where that can be told.
     pub unbiased_relative_l2: Option<f64>,
-    /// Of indirect light alone: picture less direct picture, against paths less direct paths; free of their noise.
+    /// Relative L2 of indirect light alone: picture less direct picture, against paths less direct paths; free of their noise.
     pub indirect_relative_l2: Option<f64>,
     /// L2 of indirect light over that of the whole, in the references.
     pub indirect_share: Option<f64>,

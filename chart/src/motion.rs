@@ -67,7 +67,7 @@ impl Motion {
 pub struct Moved {
     /// CPU time per point of a frame, all but the projection of ρ: the median.
     pub ns_per_point: f64,
-    /// Of projecting ρ.
+    /// Time of projecting ρ, ns a point.
     pub projection_ns: f64,
     /// CPU seconds of preparing the light of a frame; 0 where it stands still.
     pub prepare_seconds: f64,

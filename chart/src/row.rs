@@ -34,19 +34,19 @@ pub struct Row {
     pub points_relative_l2: Option<f64>,
     /// The same in decibels of exposed colours.
     pub points_psnr_db: Option<f64>,
-    /// Of the picture against the path tracer.
+    /// Relative L2 of the picture against the path tracer.
     pub relative_l2: Option<f64>,
     /// The same freed of the reference's noise.
     pub unbiased_relative_l2: Option<f64>,
-    /// Of the picture.
+    /// Peak signal to noise of the picture, dB.
     pub psnr_db: Option<f64>,
-    /// Of the picture.
+    /// FLIP of the picture.
     pub flip: Option<f64>,
     /// Relative L2 of the noise in the reference.
     pub reference_noise: Option<f64>,
     /// The path tracer's CPU time per pixel at the error of this picture.
     pub reference_ns_per_pixel: Option<f64>,
-    /// Of what moves: 99.9th percentile of |Δours − Δtruth| between frames over points, in steps of 1/255 of the display.
+    /// Flicker of what moves: 99.9th percentile of |Δours − Δtruth| between frames over points, in steps of 1/255 of the display.
     pub temporal_p999: Option<f64>,
     /// The most of the same.
     pub temporal_max: Option<f64>,

@@ -45,7 +45,7 @@ pub struct Plot {
     pub title: String,
     /// Below the axis.
     pub cost_name: String,
-    /// Of the cost.
+    /// Unit of the cost.
     pub unit: Unit,
     /// Beside the axis.
     pub error_name: String,

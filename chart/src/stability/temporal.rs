@@ -31,7 +31,7 @@ use prelight_runtime::relight::Relighter;
 use prelight_scene::Scene;
 use prelight_scene::world::World;
 
-/// Of the worst frame, in units of the median frame.
+/// Most that the worst frame may have, in units of the median frame.
 pub const MOST_JUMP: f64 = 3.0;
 /// Samples of frames beyond it, in units of the others'.
 const CLOSER: u32 = 16;
