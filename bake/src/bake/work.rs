@@ -280,7 +280,11 @@ impl ObjectWork {
         if !goes_on {
             self.known = None;
         }
-        let Some((plan, kind)) = plan else { return Ok(0) };
+        Ok(plan.map_or(0, |(plan, kind)| self.adopt(plan, kind)))
+    }
+
+    /// Goes on with a plan that a round of a kind made; gives the points that it added.
+    fn adopt(&mut self, plan: ObjectPlan, kind: usize) -> u64 {
         self.rounds[kind] += 1;
         let added = (plan.n_points() - self.plan.n_points()) as u64;
         // Baking what something stood in for asks no edge.
@@ -289,7 +293,7 @@ impl ObjectWork {
         }
         self.counts.split += added as u32;
         (self.plan, self.surfaces) = (plan, None);
-        Ok(added)
+        added
     }
 }
 
