@@ -129,6 +129,14 @@ pub enum StoreError {
         /// What was to be done.
         what: &'static str,
     },
+    /// The store is not a folder of files, which this needs.
+    #[error("{}: a store that is not a folder cannot be {what}\n  help: bake into a folder for that", location.display())]
+    NoFiles {
+        /// What the store calls its place.
+        location: PathBuf,
+        /// What was to be done with it: "swept".
+        what: &'static str,
+    },
     /// An earlier call of this writer failed, so what it holds is unknown.
     #[error("an earlier write of this shard failed\n  help: start a new writer")]
     WriterFailed,

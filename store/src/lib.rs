@@ -39,6 +39,8 @@ pub mod pack;
 #[cfg(feature = "fs")]
 pub mod asset_pack;
 #[cfg(feature = "fs")]
+mod backend;
+#[cfg(feature = "fs")]
 mod bad;
 #[cfg(feature = "fs")]
 pub mod check;
