@@ -211,6 +211,9 @@ impl Blob for OpenFile {
     }
 
     fn read_at(&mut self, offset: u64, buffer: &mut [u8]) -> Result<bool, StoreError> {
+        if offset.checked_add(buffer.len() as u64).is_none_or(|end| end > self.bytes) {
+            return Ok(false);
+        }
         os::read_at(&mut self.file, &self.path, offset, buffer)
     }
 
