@@ -136,6 +136,15 @@ impl MemorySource {
         Self::with_budget(budget).with_pack_file(path, mapping)
     }
 
+    /// As [`MemorySource::open_pack_within`], of a file that somebody sent: what it may take of the budget also depends on its length, as in
+    /// [`MemorySource::new`].
+    ///
+    /// # Errors
+    /// As [`MemorySource::open_pack`].
+    pub fn open_pack_sharing(path: &Path, mapping: Mapping, budget: &Budget) -> Result<Self, StoreError> {
+        Self::sharing(budget).with_pack_file(path, mapping)
+    }
+
     fn with_pack_file(self, path: &Path, mapping: Mapping) -> Result<Self, StoreError> {
         let name = path.display().to_string();
         let mut source = self;

@@ -83,7 +83,7 @@ pub enum StoreError {
     },
     /// The chunk does not fit into this process's memory.
     #[error(
-        "chunk {digest} needs {bytes} bytes of memory, which cannot be had\n  help: close other programs or bake with a smaller quality"
+        "chunk {digest} needs {bytes} bytes of memory, which cannot be had\n  help: give it more memory, or bake with a smaller quality"
     )]
     Memory {
         /// The chunk's digest.
