@@ -5,6 +5,7 @@
 //! bytes and are used as they lie, mapped or embedded; which chunks are raw is the writer's choice and part of no digest.
 
 use crate::aligned::AlignedBytes;
+use crate::backend::FileAppend;
 use crate::form;
 use crate::map::Map;
 use crate::os::RootedPath;
@@ -18,7 +19,7 @@ use std::sync::Arc;
 pub struct AssetPackWriter {
     path: RootedPath,
     temp: RootedPath,
-    pack: Option<PackFileWriter>,
+    pack: Option<PackFileWriter<FileAppend>>,
     known: std::collections::BTreeSet<Digest>,
     is_finished: bool,
 }
@@ -33,9 +34,9 @@ impl AssetPackWriter {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         remove_leftovers(&path, &name);
         let temp = path.sibling(&names::pack_part(&name));
-        let pack = PackFileWriter::create(temp.clone())?;
+        let pack = PackFileWriter::begin(FileAppend::create(temp.clone())?)?;
         // Tells the next writer that this one lives; where files cannot be locked, an hour of silence does.
-        let _ = os::try_lock(pack.file.get_ref(), &temp);
+        let _ = os::try_lock(pack.file.file(), &temp);
         let pack = Some(pack);
         let mut writer = AssetPackWriter { path, temp, pack, known: Default::default(), is_finished: false };
         writer.add(manifest, FormChoice::Raw)?;
@@ -133,6 +134,15 @@ impl MemorySource {
     /// As [`MemorySource::open_pack`].
     pub fn open_pack_within(path: &Path, mapping: Mapping, budget: Budget) -> Result<Self, StoreError> {
         Self::with_budget(budget).with_pack_file(path, mapping)
+    }
+
+    /// As [`MemorySource::open_pack_within`], of a file that somebody sent: what it may take of the budget also depends on its length, as in
+    /// [`MemorySource::new`].
+    ///
+    /// # Errors
+    /// As [`MemorySource::open_pack`].
+    pub fn open_pack_sharing(path: &Path, mapping: Mapping, budget: &Budget) -> Result<Self, StoreError> {
+        Self::sharing(budget).with_pack_file(path, mapping)
     }
 
     fn with_pack_file(self, path: &Path, mapping: Mapping) -> Result<Self, StoreError> {

@@ -4,7 +4,7 @@
 //! down: `bad/<digest>-<offset>-<pack>.txt`, four lines, so that this place is passed over from then on even when another pack has the chunk.
 //! Only when a file of the same name is published again do its records get the ending `.mended.txt`.
 
-use crate::os::RootedPath;
+use crate::backend::Backend;
 use crate::{StoreError, names, os};
 use prelight_manifests::Digest;
 use std::collections::BTreeMap;
@@ -50,18 +50,16 @@ pub(crate) struct BadList(BTreeMap<Digest, Vec<BadChunk>>);
 
 impl BadList {
     /// Reads the records of a store; those that do not parse are named in `problems`.
-    pub fn read(dir: &RootedPath, problems: &mut Vec<String>) -> Result<Self, StoreError> {
+    pub fn read(backend: &dyn Backend, problems: &mut Vec<String>) -> Result<Self, StoreError> {
         let mut list = BadList::default();
-        let folder = dir.join("bad");
-        for name in os::list_if_dir(&folder)? {
-            let name = name.to_string_lossy();
-            if !names::is_bad_record(&name) {
+        for file in os::if_ours(backend.list("bad"))?.unwrap_or_default() {
+            if !file.strip_prefix("bad/").is_some_and(names::is_bad_record) {
                 continue;
             }
-            let text = os::read_small(&folder.join(&*name), MAX_RECORD).ok().flatten().unwrap_or_default();
+            let text = backend.load(&file, MAX_RECORD).ok().flatten().unwrap_or_default();
             match BadChunk::parse(&String::from_utf8_lossy(&text)) {
                 Some(bad) => list.0.entry(bad.digest).or_default().push(bad),
-                None => problems.push(format!("bad/{name}: not a record of a corrupt chunk")),
+                None => problems.push(format!("{file}: not a record of a corrupt chunk")),
             }
         }
         Ok(list)
@@ -83,27 +81,20 @@ impl BadList {
     }
 
     /// Writes a finding down. Best effort on disk (the store may be read-only); in this process it counts at once.
-    pub fn insert(&mut self, dir: &RootedPath, bad: BadChunk) {
+    pub fn insert(&mut self, backend: &dyn Backend, bad: BadChunk) {
         if self.names(&bad.digest, &bad.file, bad.offset) {
             return;
         }
-        let folder = dir.join("bad");
-        let (temp, path) = (folder.join(format!("{}.part", os::unique_name())), folder.join(bad.record_name()));
-        let text = bad.text();
-        let written = os::make_dir(&folder).and_then(|()| os::write_new(&temp, &[text.as_bytes()]));
-        if written.and_then(|file| os::sync_file(&file, &temp)).and_then(|()| os::rename(&temp, &path)).is_ok() {
-            let _ = os::sync_path(&folder);
-        }
+        let _ = backend.save(&format!("bad/{}", bad.record_name()), bad.text().as_bytes());
         self.0.entry(bad.digest).or_default().push(bad);
     }
 
     /// The file was published anew with this chunk in it: what was found in its predecessor stays as evidence under another name.
-    pub fn mend(&mut self, dir: &RootedPath, digest: &Digest, file: &str) {
+    pub fn mend(&mut self, backend: &dyn Backend, digest: &Digest, file: &str) {
         let Some(list) = self.0.get_mut(digest) else { return };
         for bad in list.extract_if(.., |bad| bad.file == file) {
-            let path = dir.join("bad").join(bad.record_name());
-            let mended = bad.record_name().replace(".txt", ".mended.txt");
-            let _ = os::rename(&path, &path.sibling(&mended));
+            let record = format!("bad/{}", bad.record_name());
+            let _ = backend.move_aside(&record, &record.replace(".txt", ".mended.txt"));
         }
         if list.is_empty() {
             self.0.remove(digest);
@@ -114,6 +105,7 @@ impl BadList {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::backend::InMemory;
     use proptest::prelude::*;
 
     proptest! {
@@ -127,8 +119,7 @@ mod tests {
 
     #[test]
     fn findings_round_trip_and_mended_ones_are_not_read_again() {
-        let temporary = tempfile::tempdir().unwrap();
-        let dir = RootedPath::root(temporary.path());
+        let dir = InMemory::default();
         let digest = Digest([3; 32]);
         let bad = BadChunk { digest, file: "packs/0123.pack".into(), offset: 192, what: "one bit".into() };
         BadList::default().insert(&dir, bad.clone());
@@ -141,6 +132,6 @@ mod tests {
         list.mend(&dir, &digest, &bad.file);
         let list = BadList::read(&dir, &mut problems).unwrap();
         assert_eq!((list.digests().count(), problems.len()), (0, 0));
-        assert_eq!(os::list(&dir.join("bad")).unwrap().len(), 1, "the evidence stays");
+        assert_eq!(dir.list("bad").unwrap().len(), 1, "the evidence stays");
     }
 }

@@ -12,7 +12,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
-/// Bytes that may be taken, and those that are. Clones share both.
+/// Bytes that may be taken, and those that are. Clones share both. One may lie within another: then what it takes counts in both.
 #[derive(Clone, Debug)]
 pub struct Budget(Arc<Counts>);
 
@@ -20,12 +20,19 @@ pub struct Budget(Arc<Counts>);
 struct Counts {
     limit: AtomicU64,
     used: AtomicU64,
+    outer: Option<Budget>,
 }
 
 impl Budget {
     /// So many bytes.
     pub fn new(bytes: u64) -> Self {
-        Budget(Arc::new(Counts { limit: AtomicU64::new(bytes), used: AtomicU64::new(0) }))
+        Budget(Arc::new(Counts { limit: AtomicU64::new(bytes), used: AtomicU64::new(0), outer: None }))
+    }
+
+    /// So many bytes, and never more than this one has left.
+    #[must_use]
+    pub fn part(&self, bytes: u64) -> Self {
+        Budget(Arc::new(Counts { limit: AtomicU64::new(bytes), used: AtomicU64::new(0), outer: Some(self.clone()) }))
     }
 
     /// Bytes that are taken now.
@@ -44,14 +51,18 @@ impl Budget {
 
     /// Takes bytes until the charge is dropped; `None` when they are not left.
     pub(crate) fn charge(&self, bytes: u64) -> Option<Charge> {
+        let outer = match &self.0.outer {
+            Some(outer) => Some(Box::new(outer.charge(bytes)?)),
+            None => None,
+        };
         let fits = |used: u64| used.checked_add(bytes).filter(|used| *used <= self.limit());
         self.0.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).ok()?;
-        Some(Charge { budget: self.clone(), bytes })
+        Some(Charge { budget: self.clone(), bytes, _outer: outer })
     }
 }
 
 impl Default for Budget {
-    /// A quarter of the machine's memory, where the system says how much that is.
+    /// A quarter of the memory that this process may use, where the system says how much that is.
     fn default() -> Self {
         Budget::new(machine_memory().map_or(u64::MAX, |bytes| bytes / 4))
     }
@@ -62,6 +73,8 @@ impl Default for Budget {
 pub(crate) struct Charge {
     budget: Budget,
     bytes: u64,
+    /// The same bytes of the budget around it.
+    _outer: Option<Box<Charge>>,
 }
 
 impl Drop for Charge {
@@ -70,15 +83,15 @@ impl Drop for Charge {
     }
 }
 
-/// Bytes of memory that the machine has.
+/// Bytes of memory that this process may use: the machine's, or what a container allows. `None` where the system does not say.
 #[cfg(all(feature = "fs", target_os = "linux"))]
-pub(crate) fn machine_memory() -> Option<u64> {
-    crate::os::memory()
+pub fn machine_memory() -> Option<u64> {
+    crate::machine::memory()
 }
 
-/// Bytes of memory that the machine has: not known here.
+/// Bytes of memory that this process may use: not known here.
 #[cfg(not(all(feature = "fs", target_os = "linux")))]
-pub(crate) fn machine_memory() -> Option<u64> {
+pub fn machine_memory() -> Option<u64> {
     None
 }
 
@@ -124,5 +137,17 @@ mod tests {
         drop(first);
         assert_eq!(budget.used(), 40);
         assert!(budget.charge(60).is_some() && budget.charge(61).is_none());
+    }
+
+    #[test]
+    fn a_part_takes_from_the_whole_and_two_parts_share_it() {
+        let whole = Budget::new(100);
+        let (small, large) = (whole.part(30), whole.part(1000));
+        assert!(small.charge(31).is_none() && whole.used() == 0, "refused in one, taken from none");
+        let (first, second) = (small.charge(30), large.charge(70));
+        assert!(first.is_some() && second.is_some() && large.charge(1).is_none());
+        assert_eq!((whole.used(), small.used(), large.used()), (100, 30, 70));
+        drop((first, second));
+        assert_eq!((whole.used(), small.used(), large.used()), (0, 0, 0));
     }
 }

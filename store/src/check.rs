@@ -12,6 +12,7 @@
 //! that of the names, so `verify.state` (see `check/state.rs`) says exactly where to go on.
 //! A sample is of chunks, chosen by hash of (seed, digest); heads, indexes and names are always checked.
 
+use crate::backend::Sweepable;
 use crate::form::{decode_zstd, verify_raw};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::index::PackFile;
@@ -103,9 +104,10 @@ impl Store {
     pub fn check(&self, options: &CheckOptions, go_on: &(dyn Fn(u64) -> bool + Sync)) -> Result<CheckReport, StoreError> {
         self.refresh()?;
         let files = self.files_to_check()?;
-        let (state, note) = State::open(self.folder(), self.id(), options)?;
+        let folder = self.inner.backend.sweepable().map(Sweepable::folder);
+        let (state, note) = folder.map(|folder| State::open(folder, self.id(), options)).transpose()?.unzip();
         let (mut report, mut seen, mut first) = (CheckReport::default(), Seen::default(), 0);
-        if let Some(note) = note {
+        if let Some(note) = note.flatten() {
             let n = files.partition_point(|file| order(file) <= order(&note.done));
             let now = files[..n].iter().try_fold(Seen::default(), |seen, file| self.see(seen, file))?;
             // Else something of what was read is not what it was.
@@ -125,7 +127,7 @@ impl Store {
                         if stop.load(Ordering::Relaxed) {
                             return;
                         }
-                        let metadata = os::metadata(&self.folder().join(file)).ok().flatten(); // as it was before it was read
+                        let metadata = self.inner.backend.look(file).ok().flatten(); // as it was before it was read
                         let part = check.file(file);
                         let mut done = done.lock().expect("no panic under this lock");
                         done.push((i, metadata, part));
@@ -147,15 +149,17 @@ impl Store {
                 seen = seen.and(&batch[i], metadata.as_ref());
                 report.add(part);
             }
-            if let Some(last) = whole.checked_sub(1) {
+            if let (Some(last), Some(state)) = (whole.checked_sub(1), &state) {
                 state.write(&batch[last], seen, &report);
             }
             if stop.load(Ordering::Relaxed) {
                 return Ok(report);
             }
         }
-        state.remove();
-        for (file, what) in foreign::find(self.folder())? {
+        if let Some(state) = state {
+            state.remove();
+        }
+        for (file, what) in folder.map_or_else(|| Ok(Vec::new()), foreign::find)? {
             report.find(&file, 0, None, format!("it is {what}, which no store has in that place; it was neither followed nor changed"));
             report.foreign += 1;
         }
@@ -165,15 +169,9 @@ impl Store {
 
     /// All files, in the order of the check.
     fn files_to_check(&self) -> Result<Vec<String>, StoreError> {
-        let dir = self.folder();
         let mut files = Vec::new();
-        for folder in ["roots", "ledger", "packs"] {
-            files.extend(os::list_if_dir(&dir.join(folder))?.iter().map(|name| format!("{folder}/{}", name.to_string_lossy())));
-        }
-        for fan in os::if_ours(os::list_folders(&dir.join("objects")))?.unwrap_or_default() {
-            let fan = fan.to_string_lossy();
-            let below = os::list_if_dir(&dir.join("objects").join(&*fan))?;
-            files.extend(below.iter().map(|name| format!("objects/{fan}/{}", name.to_string_lossy())));
+        for folder in ["roots", "ledger", "packs", "objects"] {
+            files.extend(os::if_ours(self.inner.backend.list(folder))?.unwrap_or_default());
         }
         files.retain(|file| names::is_final(file));
         files.sort_by(|a, b| order(a).cmp(&order(b)));
@@ -181,7 +179,7 @@ impl Store {
     }
 
     fn see(&self, seen: Seen, file: &str) -> Result<Seen, StoreError> {
-        let metadata = os::if_ours(os::metadata(&self.folder().join(file)))?.flatten();
+        let metadata = os::if_ours(self.inner.backend.look(file))?.flatten();
         Ok(seen.and(file, metadata.as_ref()))
     }
 }
@@ -215,7 +213,7 @@ impl Check<'_> {
     }
 
     fn root(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
-        let Some(bytes) = os::read_small(&self.inner.dir.join(file), roots::MAX_BYTES)? else { return Ok(()) };
+        let Some(bytes) = self.inner.backend.load(file, roots::MAX_BYTES)? else { return Ok(()) };
         let root = std::str::from_utf8(bytes.as_ref()).ok().and_then(Root::parse).filter(|root| root.asset.to_string() == name);
         let Some(root) = root else {
             report.find(file, 0, None, "it is not a root, or fails its own check");
@@ -246,7 +244,7 @@ impl Check<'_> {
     }
 
     fn segment(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
-        let Some(bytes) = ledger::read_file(&self.inner.dir.join(file))? else { return Ok(()) };
+        let Some(bytes) = ledger::read_file(&*self.inner.backend, file)? else { return Ok(()) };
         match ledger::parse_segment(bytes.as_ref()) {
             Err(what) => report.find(file, 0, None, what),
             Ok(_) if name != format!("{}.segment", ledger::segment_name(bytes.as_ref())) => {
@@ -259,18 +257,17 @@ impl Check<'_> {
 
     /// In parts, so that only one chunk at a time is in memory.
     fn pack(&self, file: &str, name: &str, report: &mut CheckReport) -> Result<(), StoreError> {
-        let path = self.inner.dir.join(file);
-        let Some((mut opened, bytes)) = os::open_sized(&path)? else { return Ok(()) };
-        let mut entries = match PackFile::read_index(&mut opened, &path, bytes)? {
+        let Some(mut opened) = self.inner.backend.open(file)? else { return Ok(()) };
+        let mut entries = match PackFile::read_index(&mut *opened)? {
             Ok((entries, named)) => {
                 if name != format!("{named}.pack") {
                     report.find(file, 0, None, "its name is not the check in its foot");
                 }
-                for gap in gaps(bytes, &entries) {
+                for gap in gaps(opened.len(), &entries) {
                     let len = gap.end.saturating_sub(gap.start) as usize;
                     let mut padding = [0; PACK_LINE_BYTES];
                     let is_small = gap.start <= gap.end && len < PACK_LINE_BYTES;
-                    if !is_small || !os::read_at(&mut opened, &path, gap.start, &mut padding[..len])? || padding != [0; PACK_LINE_BYTES] {
+                    if !is_small || !opened.read_at(gap.start, &mut padding[..len])? || padding != [0; PACK_LINE_BYTES] {
                         report.find(file, gap.start, None, "between two chunks lies something else than padding");
                     }
                 }
@@ -278,12 +275,12 @@ impl Check<'_> {
             }
             Err(what) => {
                 report.find(file, 0, None, what);
-                PackFile::scan(&mut opened, &path, bytes)
+                PackFile::scan(&mut *opened)
             }
         };
         entries.sort_by_key(|entry| entry.offset);
         for entry in entries.iter().filter(|entry| self.is_sampled(&entry.digest)) {
-            match os::read_aligned_from(&mut opened, &path, bytes, entry.range())? {
+            match opened.read(entry.range())? {
                 Some(chunk) => self.chunk(file, entry.offset, &entry.digest, chunk.as_ref(), report),
                 None => report.find(file, entry.offset, Some(entry.digest), "it was cut while it was read"),
             }
@@ -296,12 +293,12 @@ impl Check<'_> {
             report.find(file, 0, None, "no object has this name");
             return Ok(());
         };
-        let path = self.inner.dir.join(file);
-        match open_object(&path, &digest)? {
+        match open_object(&*self.inner.backend, file, &digest)? {
             None => {}
             Some(Err(what)) => report.find(file, 0, Some(digest), what),
-            Some(Ok((mut opened, bytes))) if self.is_sampled(&digest) => {
-                if let Some(bytes) = os::read_aligned_from(&mut opened, &path, bytes, 0..bytes)? {
+            Some(Ok(mut opened)) if self.is_sampled(&digest) => {
+                let bytes = opened.len();
+                if let Some(bytes) = opened.read(0..bytes)? {
                     self.chunk(file, 0, &digest, bytes.as_ref(), report);
                 }
             }
@@ -360,9 +357,9 @@ pub(crate) fn verify_chunk(digest: &Digest, bytes: &[u8]) -> Result<(), &'static
 impl Store {
     /// Plain bytes of an object, verified, without setting anything aside; `None` when it is not there or does not hold.
     pub(crate) fn peek_object(&self, digest: &Digest) -> Result<Option<Vec<u8>>, StoreError> {
-        let path = self.folder().join(Inner::object_name(digest));
-        let Some(Ok((mut file, bytes))) = open_object(&path, digest)? else { return Ok(None) };
-        let Some(bytes) = os::read_aligned_from(&mut file, &path, bytes, 0..bytes)? else { return Ok(None) };
+        let Some(Ok(mut file)) = open_object(&*self.inner.backend, &Inner::object_name(digest), digest)? else { return Ok(None) };
+        let bytes = file.len();
+        let Some(bytes) = file.read(0..bytes)? else { return Ok(None) };
         Ok(plain_bytes(digest, bytes.as_ref()))
     }
 }

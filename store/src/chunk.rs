@@ -46,8 +46,6 @@ enum Owner {
     Static(&'static [u8]),
     Owned(Arc<AlignedBytes>),
     Shared(SharedBytes),
-    #[cfg(feature = "fs")]
-    Mapped(Arc<crate::map::Map>),
 }
 
 impl Chunk {
@@ -67,11 +65,6 @@ impl Chunk {
     pub(crate) fn owned_from(bytes: AlignedBytes, start: usize) -> Self {
         let range = start..bytes.as_ref().len();
         Chunk { owner: Owner::Owned(Arc::new(bytes)), range }.aligned()
-    }
-
-    #[cfg(feature = "fs")]
-    pub(crate) fn mapped(map: Arc<crate::map::Map>, range: Range<usize>) -> Self {
-        Chunk { owner: Owner::Mapped(map), range }.aligned()
     }
 
     /// A part of bytes that others have too.
@@ -107,8 +100,6 @@ impl Deref for Chunk {
             Owner::Static(bytes) => bytes,
             Owner::Owned(bytes) => (**bytes).as_ref(),
             Owner::Shared(bytes) => (**bytes).as_ref(),
-            #[cfg(feature = "fs")]
-            Owner::Mapped(map) => map,
         };
         &bytes[self.range.clone()]
     }

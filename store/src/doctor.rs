@@ -87,7 +87,7 @@ impl Store {
     /// # Errors
     /// What the system says of the attempts that must work once a file could be written.
     pub fn doctor(&self) -> Result<Doctor, StoreError> {
-        let dir = self.folder();
+        let dir = self.folder("examined")?;
         let (file_system, network) = os::file_system(dir);
         let (free_bytes, free_files) = os::free_space(dir).unzip();
         let mut doctor = Doctor {

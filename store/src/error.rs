@@ -83,7 +83,7 @@ pub enum StoreError {
     },
     /// The chunk does not fit into this process's memory.
     #[error(
-        "chunk {digest} needs {bytes} bytes of memory, which cannot be had\n  help: close other programs or bake with a smaller quality"
+        "chunk {digest} needs {bytes} bytes of memory, which cannot be had\n  help: give it more memory, or bake with a smaller quality"
     )]
     Memory {
         /// The chunk's digest.
@@ -127,6 +127,14 @@ pub enum StoreError {
         /// The store's folder.
         dir: PathBuf,
         /// What was to be done.
+        what: &'static str,
+    },
+    /// The store is not a folder of files, which this needs.
+    #[error("{}: a store that is not a folder cannot be {what}\n  help: bake into a folder for that", location.display())]
+    NoFiles {
+        /// What the store calls its place.
+        location: PathBuf,
+        /// What was to be done with it: "swept".
         what: &'static str,
     },
     /// An earlier call of this writer failed, so what it holds is unknown.

@@ -5,9 +5,9 @@
 //! when it is touched may have been moved to `trash/` a moment ago: then it is moved back, and touched there. If it is in neither place, it is
 //! absent, and baked again. Handles without a lease (readers) touch nothing.
 
+use crate::backend::Sweepable;
 use crate::index::PackFile;
 use crate::lease::Lease;
-use crate::os::RootedPath;
 use crate::store::{Found, Inner};
 use crate::{StoreError, names, os};
 use prelight_manifests::Digest;
@@ -19,15 +19,10 @@ pub(crate) struct Hold {
     touched: BTreeSet<String>,
 }
 
-/// Generations in the trash, in the order of their names.
-pub(crate) fn generations(dir: &RootedPath) -> Result<Vec<String>, StoreError> {
-    let names = os::list_folders(&dir.join("trash"))?;
-    Ok(names.into_iter().filter_map(|name| name.into_string().ok()).filter(|name| names::is_unique(name)).collect())
-}
-
 impl Inner {
-    /// Takes a lease unless this handle has one, and gives a sign of life.
+    /// Takes a lease unless this handle has one, and gives a sign of life. Where nothing can be swept there are no leases.
     pub fn take_lease(&self) -> Result<(), StoreError> {
+        let Some(files) = self.backend.sweepable() else { return Ok(()) };
         let mut hold = self.hold.lock().expect("no panic under this lock");
         if let Some(held) = &*hold
             && held.lease.beat()?
@@ -35,7 +30,7 @@ impl Inner {
             return Ok(());
         }
         // A lease that was taken for dead protects nothing any more: what was touched under it is touched again when used again.
-        *hold = Some(Hold { lease: Lease::take(&self.dir)?, touched: BTreeSet::new() });
+        *hold = Some(Hold { lease: files.take_lease()?, touched: BTreeSet::new() });
         drop(hold);
         self.pass(crate::FaultPoint::LeaseTaken)
     }
@@ -56,9 +51,9 @@ impl Inner {
 
     /// Touches a file, wherever it is. One that this user may not touch counts as absent: it cannot be held.
     pub fn touch_or_rescue(&self, name: &str) -> Result<bool, StoreError> {
-        let path = self.dir.join(name);
+        let Some(files) = self.backend.sweepable() else { return Ok(self.backend.look(name)?.is_some()) };
         loop {
-            match os::touch(&path) {
+            match files.touch(name) {
                 Ok(true) => return Ok(true),
                 Err(StoreError::Permission { .. }) => return Ok(false),
                 Err(error) => return Err(error),
@@ -72,16 +67,9 @@ impl Inner {
 
     /// Moves a file back from the trash; whether it was there.
     pub fn rescue(&self, name: &str) -> Result<bool, StoreError> {
-        let path = self.dir.join(name);
-        for generation in generations(&self.dir)? {
-            let from = self.dir.join("trash").join(generation).join(name);
-            if !os::is_file(&from)? {
-                continue;
-            }
-            if let Some(folder) = path.parent() {
-                os::make_dir(&folder)?;
-            }
-            if os::rename_if_there(&from, &path)? {
+        let Some(files) = self.backend.sweepable() else { return Ok(false) };
+        for generation in files.generations()? {
+            if files.move_back(&generation, name)? {
                 return Ok(true);
             }
         }
@@ -90,7 +78,7 @@ impl Inner {
 
     /// Moves whatever file of the trash holds this chunk back to its place; whether there was one.
     pub fn rescue_chunk(&self, digest: &Digest) -> Result<bool, StoreError> {
-        let generations = generations(&self.dir)?;
+        let generations = self.backend.sweepable().map_or_else(|| Ok(Vec::new()), Sweepable::generations)?;
         if generations.is_empty() {
             return Ok(false);
         }
@@ -98,10 +86,9 @@ impl Inner {
             return Ok(true);
         }
         for generation in generations {
-            let folder = self.dir.join("trash").join(generation).join("packs");
-            for name in os::list_if_dir(&folder)? {
-                let Some(name) = name.to_str().filter(|name| names::is_pack(name)) else { continue };
-                let Some((entries, _)) = PackFile::read_entries(&folder.join(name))? else { continue };
+            for file in os::if_ours(self.backend.list(&format!("trash/{generation}/packs")))?.unwrap_or_default() {
+                let Some(name) = file.rsplit('/').next().filter(|name| names::is_pack(name)) else { continue };
+                let Some((entries, _)) = PackFile::read_entries(&*self.backend, &file)? else { continue };
                 if entries.iter().any(|entry| entry.digest == *digest) && self.rescue(&format!("packs/{name}"))? {
                     self.load_new_packs()?;
                     return Ok(true);

@@ -4,8 +4,8 @@
 //! byte for byte what this module writes for its values, so that no flipped bit goes unnoticed. The id tells two stores apart when a mount
 //! point shows another one.
 
+use crate::backend::Backend;
 use crate::header::STORE_FORMAT;
-use crate::os::RootedPath;
 use crate::{StoreError, digest_of, os};
 use serde::Deserialize;
 
@@ -28,10 +28,12 @@ fn text(id: &str) -> String {
     format!("{start},\"check\":\"{}\"}}\n", digest_of(start.as_bytes()))
 }
 
-/// The id of the store in `dir`.
-pub(crate) fn read(dir: &RootedPath) -> Result<String, StoreError> {
-    let file = dir.join(NAME);
-    let Some(bytes) = os::read_small(&file, MAX_BYTES)? else { return Err(StoreError::NotFound { dir: dir.to_path_buf() }) };
+/// The id of the store in a backend.
+pub(crate) fn read(backend: &dyn Backend) -> Result<String, StoreError> {
+    let file = backend.location().join(NAME);
+    let Some(bytes) = backend.load(NAME, MAX_BYTES)? else {
+        return Err(StoreError::NotFound { dir: backend.location().to_path_buf() });
+    };
     let damaged = |what: String| StoreError::Damaged { file: file.to_path_buf(), what, help: HELP };
     let head: Head = serde_json::from_slice(&bytes).map_err(|error| damaged(error.to_string()))?;
     if head.format != u64::from(STORE_FORMAT) {
@@ -55,43 +57,35 @@ fn digest_field_holds(bytes: &[u8]) -> bool {
     text.rsplit_once(",\"check\":\"").is_some_and(|(start, check)| check.trim_end() == format!("{}\"}}", digest_of(start.as_bytes())))
 }
 
-/// Makes a store's identity in `dir` unless another process is first; gives the one that counts.
-pub(crate) fn create(dir: &RootedPath) -> Result<String, StoreError> {
-    let name = os::unique_name();
-    let (temp, file) = (dir.join("tmp").join(format!("{name}.json")), dir.join(NAME));
-    let made = os::write_new(&temp, &[text(&name).as_bytes()])?;
-    os::sync_file(&made, &temp)?;
-    os::link_new(&temp, &file)?;
-    os::remove_temp_file(&temp);
-    os::sync_path(dir)?;
-    if let Some(parent) = dir.root_path().parent().filter(|parent| !parent.as_os_str().is_empty()) {
-        let _ = os::sync_path(&RootedPath::root(parent)); // the folder itself may be new; its parent may be none of ours
-    }
-    read(dir)
+/// Makes a store's identity unless another process is first; gives the one that counts.
+pub(crate) fn create(backend: &dyn Backend) -> Result<String, StoreError> {
+    backend.save_new(NAME, text(&os::unique_name()).as_bytes())?;
+    read(backend)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::backend::Folder;
 
     #[test]
     fn every_flipped_bit_and_every_cut_of_store_json_is_noticed() {
         let temporary = tempfile::tempdir().unwrap();
-        let dir = RootedPath::root(temporary.path());
-        std::fs::create_dir(&*dir.join("tmp")).unwrap();
+        let dir = Folder::new(temporary.path(), false);
+        dir.make().unwrap();
         let id = create(&dir).unwrap();
         assert_eq!(read(&dir).unwrap(), id);
         assert_eq!(create(&dir).unwrap(), id, "the first one counts");
-        let path = dir.join(NAME);
-        let good = std::fs::read(&*path).unwrap();
+        let path = dir.location().join(NAME);
+        let good = std::fs::read(&path).unwrap();
         for bit in 0..good.len() * 8 {
             let mut bytes = good.clone();
             bytes[bit / 8] ^= 1 << (bit % 8);
-            std::fs::write(&*path, &bytes).unwrap();
+            std::fs::write(&path, &bytes).unwrap();
             assert!(matches!(read(&dir), Err(StoreError::Damaged { .. })), "bit {bit}");
         }
         for len in 0..good.len() {
-            std::fs::write(&*path, &good[..len]).unwrap();
+            std::fs::write(&path, &good[..len]).unwrap();
             assert!(matches!(read(&dir), Err(StoreError::Damaged { .. })), "length {len}");
         }
     }
@@ -102,6 +96,6 @@ mod tests {
         let start = "{\"format\":2,\"hash\":\"blake3\",\"shards\":9";
         let newer = format!("{start},\"check\":\"{}\"}}\n", digest_of(start.as_bytes()));
         std::fs::write(dir.path().join(NAME), newer).unwrap();
-        assert!(matches!(read(&RootedPath::root(dir.path())), Err(StoreError::Format { found: 2, known: 1, .. })));
+        assert!(matches!(read(&Folder::new(dir.path(), false)), Err(StoreError::Format { found: 2, known: 1, .. })));
     }
 }

@@ -1,62 +1,57 @@
 //! Digest -> pack and entry, for all packs of a store, in one sorted table.
 
 use crate::aligned::AlignedBytes;
-use crate::map::Map;
-use crate::os::{self, RootedPath};
+use crate::backend::{Backend, Blob};
+use crate::chunk::SharedBytes;
 use crate::pack::{self, PACK_LINE_BYTES, PackEntry, PackFoot};
 use crate::{StoreError, bad::BadList};
 use prelight_manifests::Digest;
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
 /// One pack on disk. Mapped on first use and then kept, so what was verified stays verified.
 pub(crate) struct PackFile {
-    pub path: RootedPath,
     /// Path relative to the store's folder: what errors and records in bad/ say.
     pub name: String,
     pub entries: Vec<PackEntry>,
-    pub map: OnceLock<Option<Arc<Map>>>,
+    pub map: OnceLock<Option<SharedBytes>>,
     pub verified: Vec<AtomicBool>,
 }
 
 impl PackFile {
-    pub fn new(dir: &RootedPath, file_name: &str, entries: Vec<PackEntry>) -> Self {
+    pub fn new(file_name: &str, entries: Vec<PackEntry>) -> Self {
         let verified = entries.iter().map(|_| AtomicBool::new(false)).collect();
         let name = format!("packs/{file_name}");
-        PackFile { path: dir.join(&name), name, entries, map: OnceLock::new(), verified }
+        PackFile { name, entries, map: OnceLock::new(), verified }
     }
 
     /// Reads the index at the end of a pack; where that is damaged, scans the chunk headers and says so in the second value.
-    pub fn read(dir: &RootedPath, file_name: &str) -> Result<Option<(Self, Option<&'static str>)>, StoreError> {
-        let read = Self::read_entries(&dir.join("packs").join(file_name))?;
-        Ok(read.map(|(entries, damage)| (PackFile::new(dir, file_name, entries), damage)))
+    pub fn read(backend: &dyn Backend, file_name: &str) -> Result<Option<(Self, Option<&'static str>)>, StoreError> {
+        let read = Self::read_entries(backend, &format!("packs/{file_name}"))?;
+        Ok(read.map(|(entries, damage)| (PackFile::new(file_name, entries), damage)))
     }
 
-    /// The entries of a pack at any path; `None` when it is not there.
-    pub fn read_entries(path: &RootedPath) -> Result<Option<(Vec<PackEntry>, Option<&'static str>)>, StoreError> {
-        let Some((mut file, bytes)) = os::open_sized(path)? else { return Ok(None) };
-        Ok(Some(match Self::read_index(&mut file, path, bytes)? {
+    /// The entries of a pack of any name; `None` when it is not there.
+    pub fn read_entries(backend: &dyn Backend, name: &str) -> Result<Option<(Vec<PackEntry>, Option<&'static str>)>, StoreError> {
+        let Some(mut file) = backend.open(name)? else { return Ok(None) };
+        Ok(Some(match Self::read_index(&mut *file)? {
             Ok((entries, _)) => (entries, None),
-            Err(what) => (Self::scan(&mut file, path, bytes), Some(what)),
+            Err(what) => (Self::scan(&mut *file), Some(what)),
         }))
     }
 
     /// The entries by the index of an open pack, and the name that its foot gives it.
-    pub fn read_index(
-        file: &mut File,
-        path: &RootedPath,
-        bytes: u64,
-    ) -> Result<Result<(Vec<PackEntry>, Digest), &'static str>, StoreError> {
+    pub fn read_index(file: &mut dyn Blob) -> Result<Result<(Vec<PackEntry>, Digest), &'static str>, StoreError> {
+        let bytes = file.len();
         let mut line = [0; PACK_LINE_BYTES];
-        if !os::read_at(file, path, 0, &mut line)? {
+        if !file.read_at(0, &mut line)? {
             return Ok(Err("it is too short for a pack"));
         }
         if let Err(what) = pack::check_head(&line) {
             return Ok(Err(what));
         }
-        if !os::read_at(file, path, bytes.saturating_sub(PACK_LINE_BYTES as u64), &mut line)? {
+        if !file.read_at(bytes.saturating_sub(PACK_LINE_BYTES as u64), &mut line)? {
             return Ok(Err("it is too short for a pack"));
         }
         let foot = match PackFoot::decode(&line, bytes) {
@@ -66,14 +61,15 @@ impl PackFile {
         let (offset, len) = foot.index();
         // At most the file's own length (PackFoot::decode), of which a hole takes no space on disk.
         let Some(mut index) = AlignedBytes::zeroed(len) else { return Ok(Err("its index does not fit into memory")) };
-        if !os::read_at(file, path, offset, index.as_mut())? {
+        if !file.read_at(offset, index.as_mut())? {
             return Ok(Err("it is cut inside its index"));
         }
         Ok(foot.entries(index.as_ref()).map(|entries| (entries, foot.name())))
     }
 
     /// The entries of an open pack by the headers of its chunks, as far as it can be read; see [`MAX_SCAN`].
-    pub fn scan(file: &mut File, path: &RootedPath, bytes: u64) -> Vec<PackEntry> {
+    pub fn scan(file: &mut dyn Blob) -> Vec<PackEntry> {
+        let bytes = file.len();
         let (mut window, mut start) = (Vec::new(), 0);
         pack::scan_with(bytes.min(MAX_SCAN), |offset| {
             let inside = |window: &[u8], start: u64| window.get(offset.checked_sub(start)? as usize..)?.first_chunk().copied();
@@ -82,7 +78,7 @@ impl PackFile {
             }
             start = offset;
             window.resize(usize::try_from(bytes - offset).unwrap_or(SCAN_WINDOW).min(SCAN_WINDOW), 0);
-            os::read_at(file, path, start, &mut window).ok().filter(|whole| *whole)?;
+            file.read_at(start, &mut window).ok().filter(|whole| *whole)?;
             inside(&window, start)
         })
     }

@@ -11,8 +11,8 @@
 //! Kind and dtype are written by their names in manifests, so a record of a newer prelight parses and is simply no hit.
 
 use crate::StoreError;
+use crate::backend::Backend;
 use crate::header::{STORE_FORMAT, digest_at, u32_at, u64_at};
-use crate::os::{self, RootedPath};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
@@ -132,13 +132,13 @@ fn segment_check(segment: &[u8]) -> Digest {
 
 /// Bytes of a segment's file; `None` when there is none. What its head and its length say must agree before the rest is read, so that a file of any
 /// length costs no more than a segment.
-pub(crate) fn read_file(path: &RootedPath) -> Result<Option<Vec<u8>>, StoreError> {
-    let Some((mut file, bytes)) = os::open_sized(path)? else { return Ok(None) };
+pub(crate) fn read_file(backend: &dyn Backend, name: &str) -> Result<Option<Vec<u8>>, StoreError> {
+    let Some(mut file) = backend.open(name)? else { return Ok(None) };
     let mut head = [0; HEAD];
-    if !os::read_at(&mut file, path, 0, &mut head)? || &head[..8] != MAGIC || u64_at(&head, 16).checked_add(HEAD as u64) != Some(bytes) {
+    if !file.read_at(0, &mut head)? || &head[..8] != MAGIC || u64_at(&head, 16).checked_add(HEAD as u64) != Some(file.len()) {
         return Ok(Some(head.to_vec())); // which does not parse
     }
-    os::read_small(path, MAX_SEGMENT)
+    backend.load(name, MAX_SEGMENT)
 }
 
 /// Segments longer than this are not ours.

@@ -39,6 +39,8 @@ pub mod pack;
 #[cfg(feature = "fs")]
 pub mod asset_pack;
 #[cfg(feature = "fs")]
+mod backend;
+#[cfg(feature = "fs")]
 mod bad;
 #[cfg(feature = "fs")]
 pub mod check;
@@ -58,6 +60,8 @@ mod index;
 mod lease;
 #[cfg(feature = "fs")]
 pub mod ledger;
+#[cfg(all(feature = "fs", target_os = "linux"))]
+mod machine;
 #[cfg(feature = "fs")]
 mod map;
 #[cfg(feature = "fs")]

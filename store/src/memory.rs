@@ -14,7 +14,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// A [`ChunkSource`] over packs and chunks in memory; needs no file system.
 ///
 /// Raw chunks of a pack whose bytes are 64-byte aligned are handed out without a copy; what is compressed or unaligned is decoded or copied, once
-/// as long as somebody has it. What that takes together is bounded: by 64 times the bytes of the packs and 64 MiB besides, or by a budget.
+/// as long as somebody has it. What that takes together is bounded: by 64 times the bytes of the packs and 64 MiB besides and by a quarter of the
+/// machine's memory, or by a budget.
 pub struct MemorySource {
     budget: Budget,
     /// No budget was given: each pack adds to it.
@@ -60,7 +61,12 @@ impl Default for MemorySource {
 impl MemorySource {
     /// A source without chunks.
     pub fn new() -> Self {
-        MemorySource { budget_grows: true, ..Self::with_budget(Budget::new(FREE_BYTES)) }
+        Self::sharing(&Budget::default())
+    }
+
+    /// As [`MemorySource::new`], within a budget that others have too.
+    pub fn sharing(budget: &Budget) -> Self {
+        MemorySource { budget_grows: true, ..Self::with_budget(budget.part(FREE_BYTES)) }
     }
 
     /// A source without chunks, whose decoded chunks take so much together and no more.

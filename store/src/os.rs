@@ -16,8 +16,6 @@ pub(crate) use crate::rooted::RootedPath;
 use at as system;
 #[cfg(not(unix))]
 use by_path as system;
-#[cfg(target_os = "linux")]
-pub(crate) use machine::memory;
 pub(crate) use machine::{file_system, free_space, is_network};
 use std::ffi::OsString;
 use std::fs::{File, TryLockError};
@@ -75,6 +73,11 @@ pub(crate) struct Metadata {
 }
 
 impl Metadata {
+    /// A file that is none of the system's.
+    pub fn of_file(len: u64, modified: FileTime) -> Self {
+        Metadata { kind: Kind::File, len, modified, changed: modified }
+    }
+
     pub fn is_file(&self) -> bool {
         self.kind == Kind::File
     }
@@ -261,14 +264,15 @@ pub(crate) fn read_small(path: &RootedPath, limit: u64) -> Result<Option<Vec<u8>
         before("read", path).and_then(|()| file.take(limit + 1).read_to_end(&mut bytes)).map_err(fail("read", path))?;
     }
     if file_bytes.max(bytes.len() as u64) > limit {
-        let what = format!("it is longer than the {limit} bytes that such a file can have");
-        return Err(StoreError::Damaged {
-            file: path.to_path_buf(),
-            what,
-            help: "take it out of the store's folder, or run `prelight repair`",
-        });
+        return Err(too_long(path, limit));
     }
     Ok(Some(bytes))
+}
+
+/// The error for a file that nobody of ours wrote so long.
+pub(crate) fn too_long(path: &Path, limit: u64) -> StoreError {
+    let what = format!("it is longer than the {limit} bytes that such a file can have");
+    StoreError::Damaged { file: path.to_path_buf(), what, help: "take it out of the store's folder, or run `prelight repair`" }
 }
 
 fn open_if_there(path: &RootedPath) -> Result<Option<File>, StoreError> {
@@ -297,13 +301,7 @@ pub(crate) fn read_at(file: &mut File, path: &Path, offset: u64, buffer: &mut [u
     }
 }
 
-/// `len` bytes from `offset` on, 64-byte aligned; `None` when the file has fewer. The caller has bounded `len`.
-pub(crate) fn read_aligned(path: &RootedPath, offset: u64, len: u64) -> Result<Option<AlignedBytes>, StoreError> {
-    let Some((mut file, file_bytes)) = open_sized(path)? else { return Ok(None) };
-    read_aligned_from(&mut file, path, file_bytes, offset..offset.saturating_add(len))
-}
-
-/// As [`read_aligned`], of an open file of `file_bytes`.
+/// The bytes of a range of an open file of `file_bytes`, 64-byte aligned; `None` when the file has fewer. The caller has bounded its length.
 pub(crate) fn read_aligned_from(
     file: &mut File,
     path: &Path,
@@ -343,17 +341,6 @@ fn list_kind(path: &RootedPath, wanted: Kind) -> Result<Vec<OsString>, StoreErro
 /// As [`list`]; none when something else than a folder has that name.
 pub(crate) fn list_if_dir(path: &RootedPath) -> Result<Vec<OsString>, StoreError> {
     Ok(if_ours(list(path))?.unwrap_or_default())
-}
-
-/// Names of regular files in a folder with their lengths, sorted.
-pub(crate) fn list_sized(path: &RootedPath) -> Result<Vec<(OsString, u64)>, StoreError> {
-    let mut files = Vec::new();
-    for name in list(path)? {
-        if let Some(metadata) = metadata(&path.join(&name))?.filter(Metadata::is_file) {
-            files.push((name, metadata.len));
-        }
-    }
-    Ok(files)
 }
 
 /// What the system knows about a name, or `None` when nothing has it.

@@ -1,30 +1,31 @@
 //! Writing the chunks of one shard into temporary files.
 
+use crate::backend::{Append, Stage};
 use crate::fault::FaultPoint;
 use crate::form;
 use crate::header::ChunkHeader;
 use crate::ledger::{Record, encode_record};
-use crate::os::RootedPath;
 use crate::pack::{PackEntry, encode_head, encode_index};
 use crate::store::Inner;
-use crate::{CHUNK_ALIGN, StoreError, digest_of, names, os};
+use crate::{CHUNK_ALIGN, StoreError, digest_of};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
-use std::io::BufWriter;
 use std::sync::Arc;
 
 /// Chunks of at least this many plain bytes are files of their own.
 pub const OBJECT_BYTES: u64 = 256 << 10;
+
+/// Temporary name of the pack.
+pub(crate) const PACK: &str = "pack";
 
 /// Collects the chunks and records of one shard; nothing of it is visible before [`ShardWriter::commit`].
 ///
 /// Dropped without commit (or killed) it leaves at most its temporary folder.
 pub struct ShardWriter {
     pub(crate) inner: Arc<Inner>,
-    /// `tmp/<unique>`, once there is something in it.
-    pub(crate) temp: Option<RootedPath>,
-    pub(crate) pack: Option<PackFileWriter>,
+    /// Where its files lie until they are published, once there is one.
+    pub(crate) stage: Option<Box<dyn Stage>>,
+    pub(crate) pack: Option<PackFileWriter<Box<dyn Append>>>,
     pub(crate) objects: BTreeSet<Digest>,
     /// Plain lengths of the chunks that this writer adds.
     pub(crate) new: BTreeMap<Digest, u64>,
@@ -52,23 +53,21 @@ pub struct CommitReport {
 }
 
 /// A pack that is being written.
-pub(crate) struct PackFileWriter {
-    pub path: RootedPath,
-    pub file: BufWriter<File>,
+pub(crate) struct PackFileWriter<A: Append> {
+    pub file: A,
     pub bytes: u64,
     pub entries: Vec<PackEntry>,
 }
 
-impl PackFileWriter {
-    pub fn create(path: RootedPath) -> Result<Self, StoreError> {
-        let file = BufWriter::with_capacity(1 << 18, os::create(&path)?);
-        let mut pack = PackFileWriter { path, file, bytes: 0, entries: Vec::new() };
+impl<A: Append> PackFileWriter<A> {
+    pub fn begin(file: A) -> Result<Self, StoreError> {
+        let mut pack = PackFileWriter { file, bytes: 0, entries: Vec::new() };
         pack.write(&encode_head())?;
         Ok(pack)
     }
 
     pub fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
-        os::write(&mut self.file, &self.path, bytes)?;
+        self.file.write(bytes)?;
         self.bytes += bytes.len() as u64;
         Ok(())
     }
@@ -78,7 +77,7 @@ impl PackFileWriter {
         let mut entries = std::mem::take(&mut self.entries);
         let (index, digest) = encode_index(&mut entries, self.bytes);
         self.write(&index)?;
-        os::flush(&mut self.file, &self.path)?;
+        self.file.flush()?;
         Ok((self, entries, digest))
     }
 
@@ -98,7 +97,7 @@ impl ShardWriter {
         ShardWriter {
             without_lease,
             inner,
-            temp: None,
+            stage: None,
             pack: None,
             objects: BTreeSet::new(),
             new: BTreeMap::new(),
@@ -141,15 +140,15 @@ impl ShardWriter {
         self.failed = true; // until all of it is written
         let (header, stored) = form::encode(bytes, digest, self.inner.form);
         let stored = stored.as_deref().unwrap_or(bytes);
-        let temp = self.temp_folder()?;
         if alone || header.plain_bytes >= OBJECT_BYTES {
             let head = header.encode();
-            os::write_new(&temp.join(digest.to_string()), &[&head, stored])?;
+            self.stage()?.write(&digest.to_string(), &[&head, stored])?;
             self.objects.insert(digest);
             self.report.bytes_stored += (head.len() + stored.len()) as u64;
         } else {
             if self.pack.is_none() {
-                self.pack = Some(PackFileWriter::create(temp.join("pack"))?);
+                let file = self.stage()?.append(PACK)?;
+                self.pack = Some(PackFileWriter::begin(file)?);
             }
             if let Some(pack) = &mut self.pack {
                 pack.push(&header, stored)?;
@@ -179,23 +178,11 @@ impl ShardWriter {
         self.records.push((key, encode_record(&key, &record)));
     }
 
-    pub(crate) fn temp_folder(&mut self) -> Result<RootedPath, StoreError> {
-        if let Some(temp) = &self.temp {
-            return Ok(temp.clone());
+    pub(crate) fn stage(&mut self) -> Result<&mut dyn Stage, StoreError> {
+        if self.stage.is_none() {
+            self.stage = Some(self.inner.backend.stage()?);
+            self.inner.pass(FaultPoint::TempFolder)?;
         }
-        let temp = self.inner.dir.join("tmp").join(os::unique_name());
-        os::make_dir(&temp)?;
-        self.temp = Some(temp.clone());
-        self.inner.pass(FaultPoint::TempFolder)?;
-        Ok(temp)
-    }
-}
-
-impl Drop for ShardWriter {
-    /// Only this writer knows its temporary folder, so it may go at once; after a kill a later sweep removes it by age.
-    fn drop(&mut self) {
-        if let Some(temp) = &self.temp {
-            os::remove_temp(temp, names::is_in_temp_folder);
-        }
+        Ok(&mut **self.stage.as_mut().expect("it was just made"))
     }
 }

@@ -116,6 +116,9 @@ impl Store {
     }
 
     fn asset_files_beside(&self) -> Vec<PathBuf> {
+        if self.inner.backend.sweepable().is_none() {
+            return Vec::new(); // nothing lies beside it
+        }
         let parent = match self.dir().parent() {
             Some(parent) if parent.as_os_str().is_empty() => Path::new("."),
             Some(parent) => parent,

@@ -1,26 +1,21 @@
 //! Reading chunks from disk: map or read, verify once, set aside what is corrupt.
 
 use crate::aligned::AlignedBytes;
+use crate::backend::{Backend, Blob};
 use crate::bad::BadChunk;
+use crate::chunk::SharedBytes;
 use crate::form::{Fault, decode_zstd, expect_header, verify_raw};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::index::Place;
-use crate::map::Map;
-use crate::os::RootedPath;
 use crate::store::Inner;
-use crate::{Budget, Chunk, ChunkSource, Form, Store, StoreError, os};
+use crate::{Budget, Chunk, ChunkSource, Form, Store, StoreError};
 use prelight_manifests::{Descriptor, Digest};
-use std::fs::File;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-
-/// Linux gives a process 65,530 mappings by default. Past half of that files are read instead.
-const MAX_MAPS: usize = 32_000;
-static N_MAPS: AtomicUsize = AtomicUsize::new(0);
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// An object that is mapped, and whether its bytes have been verified since.
 pub(crate) struct ObjectMap {
-    map: Arc<Map>,
+    map: SharedBytes,
     verified: AtomicBool,
 }
 
@@ -67,9 +62,7 @@ impl Inner {
                 Ok(None) => {}
                 Err(error @ StoreError::Corrupt { .. }) => {
                     self.objects.lock().expect("no panic under this lock").remove(&digest);
-                    let path = self.dir.join(Self::object_name(&digest));
-                    let _ = os::make_dir(&self.dir.join("bad"));
-                    let _ = os::rename(&path, &self.dir.join(format!("bad/{digest}.object")));
+                    let _ = self.backend.move_aside(&Self::object_name(&digest), &format!("bad/{digest}.object"));
                     self.set_aside(&error);
                     first_error.get_or_insert(error);
                 }
@@ -86,7 +79,7 @@ impl Inner {
                 continue;
             }
             let known = || self.bad.lock().expect("no panic under this lock").get(&digest).map(BadChunk::error);
-            let missing = || StoreError::Missing { digest, place: format!("the store {}", self.dir.display()) };
+            let missing = || StoreError::Missing { digest, place: format!("the store {}", self.backend.location().display()) };
             return Err(first_error.or_else(known).unwrap_or_else(missing));
         }
     }
@@ -95,7 +88,7 @@ impl Inner {
         if let StoreError::Corrupt { digest, file, offset, what } = error {
             self.problem(format!("{file}: chunk {digest} at byte {offset} is corrupt: {what}"));
             let bad = BadChunk { digest: *digest, file: file.clone(), offset: *offset, what: what.clone() };
-            self.bad.lock().expect("no panic under this lock").insert(&self.dir, bad);
+            self.bad.lock().expect("no panic under this lock").insert(&*self.backend, bad);
         }
     }
 
@@ -108,39 +101,35 @@ impl Inner {
         }
         let at = |fault: Fault| fault.at(descriptor, &pack.name, entry.offset);
         let range = entry.range();
-        if let Some(map) = pack.map.get_or_init(|| if self.use_maps { map_file(&pack.path) } else { None }) {
+        if let Some(map) = pack.map.get_or_init(|| self.backend.map(&pack.name)) {
             match read_mapped(map, range.start, entry.stored_bytes, descriptor, &pack.verified[place.entry], &self.budget) {
                 // Once more from the file before a good chunk is condemned for a bad moment of memory.
                 Err(Fault::Corrupt(_)) => {}
                 result => return result.map(Some).map_err(at),
             }
         }
-        if os::open_sized(&pack.path)?.is_none() {
-            return Ok(None);
-        }
-        let bytes = os::read_aligned(&pack.path, range.start, range.end - range.start)?;
+        let Some(mut file) = self.backend.open(&pack.name)? else { return Ok(None) };
+        let bytes = file.read(range)?;
         read_owned(bytes, entry.stored_bytes, descriptor, &self.budget).map(Some).map_err(at)
     }
 
     fn read_object(&self, descriptor: &Descriptor) -> Result<Option<Chunk>, StoreError> {
         let digest = descriptor.digest;
         let name = Self::object_name(&digest);
-        let path = self.dir.join(&name);
         let known = self.objects.lock().expect("no panic under this lock").get(&digest).cloned();
         let at = |fault: Fault| fault.at(descriptor, &name, 0);
         let object = match known {
             Some(object) => Some(object),
             None => {
-                let Some((_, bytes)) = os::open_sized(&path)? else { return Ok(None) };
-                if bytes < CHUNK_HEADER_BYTES as u64 {
+                let Some(file) = self.backend.open(&name)? else { return Ok(None) };
+                if file.len() < CHUNK_HEADER_BYTES as u64 {
                     return Err(at(Fault::Corrupt("it is cut inside its header")));
                 }
-                let map = if self.use_maps { map_file(&path) } else { None };
-                map.map(|map| Arc::new(ObjectMap { map, verified: AtomicBool::new(false) }))
+                self.backend.map(&name).map(|map| Arc::new(ObjectMap { map, verified: AtomicBool::new(false) }))
             }
         };
         if let Some(object) = object {
-            let stored_bytes = (object.map.len() - CHUNK_HEADER_BYTES) as u64;
+            let stored_bytes = (*object.map).as_ref().len().saturating_sub(CHUNK_HEADER_BYTES) as u64;
             match read_mapped(&object.map, 0, stored_bytes, descriptor, &object.verified, &self.budget) {
                 Err(Fault::Corrupt(_)) => {}
                 result => {
@@ -154,31 +143,13 @@ impl Inner {
             }
         }
         // The header first: a file may be of any length and hold nothing.
-        let (mut file, bytes) = match open_object(&path, &digest)? {
+        let mut file = match open_object(&*self.backend, &name, &digest)? {
             None => return Ok(None),
             Some(opened) => opened.map_err(|what| at(Fault::Corrupt(what)))?,
         };
-        let whole = os::read_aligned_from(&mut file, &path, bytes, 0..bytes)?;
+        let bytes = file.len();
+        let whole = file.read(0..bytes)?;
         read_owned(whole, bytes.saturating_sub(CHUNK_HEADER_BYTES as u64), descriptor, &self.budget).map(Some).map_err(at)
-    }
-}
-
-fn map_file(path: &os::RootedPath) -> Option<Arc<Map>> {
-    if N_MAPS.load(Ordering::Relaxed) >= MAX_MAPS {
-        return None;
-    }
-    let (file, bytes) = os::open_sized(path).ok()??;
-    if bytes == 0 {
-        return None;
-    }
-    let map = Map::new(&file).ok()?;
-    N_MAPS.fetch_add(1, Ordering::Relaxed);
-    Some(Arc::new(map))
-}
-
-impl Drop for Map {
-    fn drop(&mut self) {
-        N_MAPS.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
@@ -192,7 +163,7 @@ fn expect_stored(bytes: &[u8], stored_bytes: u64, descriptor: &Descriptor) -> Re
 }
 
 fn read_mapped(
-    map: &Arc<Map>,
+    map: &SharedBytes,
     offset: u64,
     stored_bytes: u64,
     descriptor: &Descriptor,
@@ -200,7 +171,8 @@ fn read_mapped(
     budget: &Budget,
 ) -> Result<Chunk, Fault> {
     let start = usize::try_from(offset).unwrap_or(usize::MAX);
-    let whole = map.get(start..).and_then(|rest| rest.get(..CHUNK_HEADER_BYTES.checked_add(usize::try_from(stored_bytes).ok()?)?));
+    let whole =
+        (**map).as_ref().get(start..).and_then(|rest| rest.get(..CHUNK_HEADER_BYTES.checked_add(usize::try_from(stored_bytes).ok()?)?));
     let whole = whole.ok_or(Fault::Corrupt("the file is cut short"))?;
     let header = expect_stored(whole, stored_bytes, descriptor)?;
     let stored = &whole[CHUNK_HEADER_BYTES..];
@@ -212,7 +184,7 @@ fn read_mapped(
         verified.store(true, Ordering::Release);
     }
     let payload = start + CHUNK_HEADER_BYTES;
-    Ok(Chunk::mapped(map.clone(), payload..payload + stored.len()))
+    Ok(Chunk::shared(map.clone(), payload..payload + stored.len()))
 }
 
 fn read_owned(bytes: Option<AlignedBytes>, stored_bytes: u64, descriptor: &Descriptor, budget: &Budget) -> Result<Chunk, Fault> {
@@ -226,18 +198,21 @@ fn read_owned(bytes: Option<AlignedBytes>, stored_bytes: u64, descriptor: &Descr
     Ok(Chunk::owned_from(bytes, CHUNK_HEADER_BYTES))
 }
 
-/// An object that has the header of this chunk and the length that goes with it, and that length; its bytes were not read yet.
-pub(crate) fn open_object(path: &RootedPath, digest: &Digest) -> Result<Option<Result<(File, u64), &'static str>>, StoreError> {
-    let Some((mut opened, bytes)) = os::open_sized(path)? else { return Ok(None) };
+/// An object that has the header of this chunk and the length that goes with it, or what is wrong with it.
+pub(crate) type OpenedObject = Result<Box<dyn Blob>, &'static str>;
+
+/// Opens an object; its bytes were not read yet. `None` when it is not there.
+pub(crate) fn open_object(backend: &dyn Backend, name: &str, digest: &Digest) -> Result<Option<OpenedObject>, StoreError> {
+    let Some(mut opened) = backend.open(name)? else { return Ok(None) };
     let mut head = [0; CHUNK_HEADER_BYTES];
-    if !os::read_at(&mut opened, path, 0, &mut head)? {
+    if !opened.read_at(0, &mut head)? {
         return Ok(Some(Err("it is cut inside its header")));
     }
     Ok(Some(match ChunkHeader::decode(&head) {
         Err(what) => Err(what),
-        Ok(header) if header.digest != *digest || header.stored_bytes.checked_add(CHUNK_HEADER_BYTES as u64) != Some(bytes) => {
+        Ok(header) if header.digest != *digest || header.stored_bytes.checked_add(CHUNK_HEADER_BYTES as u64) != Some(opened.len()) => {
             Err("its header does not fit its name and length")
         }
-        Ok(_) => Ok((opened, bytes)),
+        Ok(_) => Ok(opened),
     }))
 }

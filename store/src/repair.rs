@@ -37,9 +37,10 @@ impl Store {
     /// # Errors
     /// [`StoreError::Locked`] while another repair or a sweep runs; what the system says.
     pub fn set_aside(&self, findings: &[Finding]) -> Result<RepairReport, StoreError> {
-        let _lock = self.lock_for("repair")?;
+        let folder = self.folder("repaired")?;
+        let _lock = self.lock_for(folder, "repair")?;
         let mut report = RepairReport::default();
-        os::make_dir(&self.folder().join("bad"))?;
+        os::make_dir(&folder.join("bad"))?;
         let mut by_file: BTreeMap<&str, Vec<&Finding>> = BTreeMap::new();
         findings.iter().for_each(|finding| by_file.entry(&finding.file).or_default().push(finding));
         for (file, findings) in by_file {
@@ -72,7 +73,7 @@ impl Store {
                 _ => {}
             }
         }
-        os::sync_path(&self.folder().join("bad"))?;
+        os::sync_path(&folder.join("bad"))?;
         self.refresh()?;
         Ok(report)
     }
@@ -81,10 +82,11 @@ impl Store {
         let (folder, name) = file.rsplit_once('/').unwrap_or(("", file));
         let kind = if folder.starts_with("objects") { ".object" } else { "" };
         let kind = if folder == "roots" { ".root" } else { kind };
-        let from = self.folder().join(file);
+        let dir = self.folder("repaired")?;
+        let from = dir.join(file);
         let name = if os::is_file(&from)? { format!("{name}{kind}") } else { format!("{name}.{}.foreign", os::unique_name()) };
-        if os::rename_if_there(&from, &self.folder().join("bad").join(name))? {
-            os::sync_path(&self.folder().join(folder))?;
+        if os::rename_if_there(&from, &dir.join("bad").join(name))? {
+            os::sync_path(&dir.join(folder))?;
             report.moved.push(file.to_string());
         }
         Ok(())
@@ -93,25 +95,25 @@ impl Store {
     fn mend_pack(&self, file: &str, report: &mut RepairReport) -> Result<(), StoreError> {
         // Before anything is saved, so that no chunk of it counts as being there already.
         let name = file.trim_start_matches("packs/").to_string();
-        let path = self.folder().join(file);
-        let Some(opened) = os::if_ours(os::open_sized(&path))? else {
+        let backend = &*self.inner.backend;
+        let Some(opened) = os::if_ours(backend.open(file))? else {
             self.forget_pack(file);
             return self.move_to_bad(file, report);
         };
-        let Some((mut opened, bytes)) = opened else { return Ok(()) };
+        let Some(mut opened) = opened else { return Ok(()) };
         self.forget_pack(file);
         let mut writer = self.writer();
-        for entry in PackFile::scan(&mut opened, &path, bytes) {
-            let Ok(Some(chunk)) = os::read_aligned_from(&mut opened, &path, bytes, entry.range()) else { continue };
+        for entry in PackFile::scan(&mut *opened) {
+            let Ok(Some(chunk)) = opened.read(entry.range()) else { continue };
             if let Some(plain) = plain_bytes(&entry.digest, chunk.as_ref()) {
                 writer.put(ChunkKind::Names, Dtype::U8, Vec::new(), &plain)?; // only its bytes are kept
                 report.saved += 1;
             }
         }
         // The new pack may have the old one's name: then it takes its place by the rename, and nothing is left to move.
-        let before = os::metadata(&path)?.map(|metadata| (metadata.len(), os::modified(&metadata)));
+        let before = backend.look(file)?.map(|metadata| (metadata.len(), os::modified(&metadata)));
         writer.commit()?;
-        let after = os::metadata(&path)?.map(|metadata| (metadata.len(), os::modified(&metadata)));
+        let after = backend.look(file)?.map(|metadata| (metadata.len(), os::modified(&metadata)));
         if before != after {
             return Ok(());
         }
@@ -129,17 +131,14 @@ impl Store {
     fn make_root(&self, asset: Digest) -> Result<bool, StoreError> {
         let wanted = format!("\"asset_digest\": \"{asset}\"");
         let mut found: Option<(u64, Vec<u8>)> = None;
-        for fan in os::list_folders(&self.folder().join("objects"))? {
-            let folder = self.folder().join("objects").join(&fan);
-            for name in os::list_if_dir(&folder)? {
-                let Ok(digest) = name.to_string_lossy().parse::<Digest>() else { continue };
-                let Some(metadata) = os::metadata(&self.folder().join(Inner::object_name(&digest)))? else { continue };
-                let Some(text) = self.peek_object(&digest)? else { continue };
-                let is_manifest = text.first() == Some(&b'{') && text.windows(wanted.len()).any(|window| window == wanted.as_bytes());
-                let time = os::modified(&metadata);
-                if is_manifest && found.as_ref().is_none_or(|(last, _)| time > *last) {
-                    found = Some((time, text));
-                }
+        for file in self.inner.backend.list("objects")? {
+            let Some(Ok(digest)) = file.rsplit('/').next().map(str::parse::<Digest>) else { continue };
+            let Some(metadata) = self.inner.backend.look(&Inner::object_name(&digest))? else { continue };
+            let Some(text) = self.peek_object(&digest)? else { continue };
+            let is_manifest = text.first() == Some(&b'{') && text.windows(wanted.len()).any(|window| window == wanted.as_bytes());
+            let time = os::modified(&metadata);
+            if is_manifest && found.as_ref().is_none_or(|(last, _)| time > *last) {
+                found = Some((time, text));
             }
         }
         match found {

@@ -6,6 +6,7 @@ use crate::fault::FaultPoint;
 use crate::store::Inner;
 use crate::{Chunk, ChunkSource, Store, StoreError, digest_of, os, reach};
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
+use std::collections::BTreeSet;
 
 pub(crate) const MAX_BYTES: u64 = 4096;
 
@@ -54,24 +55,23 @@ impl Store {
                 None if inner.rescue_chunk(&digest)? => held()?,
                 None => None,
             };
-            let place = || format!("the store {} although the asset names it", inner.dir.display());
+            let place = || format!("the store {} although the asset names it", inner.backend.location().display());
             let found = found.ok_or_else(|| StoreError::Missing { digest, place: place() })?;
             writer.reused_files.insert(found.file(&digest));
         }
         let files: Vec<String> = writer.reused_files.iter().cloned().collect();
-        let temp = writer.temp_folder()?.join("root");
+        let stage = writer.stage()?;
         let root = Root { asset: asset_digest, manifest, manifest_bytes: manifest_json.len() as u64 };
-        let file = os::write_new(&temp, &[root.text().as_bytes()])?;
-        os::sync_file(&file, &temp)?;
+        stage.write("root", &[root.text().as_bytes()])?;
+        stage.sync_last()?;
         inner.pass(FaultPoint::RootWritten)?;
         writer.commit_chunks()?;
-        let folder = inner.dir.join("roots");
-        os::rename(&temp, &folder.join(asset_digest.to_string()))?;
+        writer.stage()?.publish("root", &format!("roots/{asset_digest}"))?;
         inner.pass(FaultPoint::RootRenamed)?;
-        os::sync_path(&folder)?;
+        inner.backend.sync_folders(&BTreeSet::from(["roots".to_string()]))?;
         for name in files.iter().chain([&Inner::object_name(&manifest)]) {
-            if !os::exists(&inner.dir.join(name))? && !inner.rescue(name)? {
-                let place = format!("the store {} any more: {name} was swept away while it was sealed", inner.dir.display());
+            if inner.backend.look(name)?.is_none() && !inner.rescue(name)? {
+                let place = format!("the store {} any more: {name} was swept away while it was sealed", inner.backend.location().display());
                 return Err(StoreError::Missing { digest: asset_digest, place });
             }
         }
@@ -83,18 +83,17 @@ impl Store {
     /// # Errors
     /// What the system says.
     pub fn roots(&self) -> Result<Vec<Root>, StoreError> {
-        let folder = self.inner.dir.join("roots");
+        let backend = &self.inner.backend;
         let mut roots = Vec::new();
-        for (name, _) in os::entries(&folder)? {
-            let name = name.to_string_lossy();
-            let Ok(asset) = name.parse::<Digest>() else { continue };
-            let text = match os::read_small(&folder.join(&*name), MAX_BYTES) {
+        for name in backend.list_anything("roots")? {
+            let Some(Ok(asset)) = name.strip_prefix("roots/").map(str::parse::<Digest>) else { continue };
+            let text = match backend.load(&name, MAX_BYTES) {
                 Err(error) if error.is_corrupt() => Vec::new(),
                 text => text?.unwrap_or_default(),
             };
             match Root::parse(&String::from_utf8_lossy(&text)).filter(|root| root.asset == asset) {
                 Some(root) => roots.push(root),
-                None => self.inner.problem(format!("roots/{name} is damaged: seal the asset again by baking it")),
+                None => self.inner.problem(format!("{name} is damaged: seal the asset again by baking it")),
             }
         }
         Ok(roots)
@@ -107,8 +106,7 @@ impl Store {
     pub fn roots_by_time(&self) -> Result<Vec<(Root, u64)>, StoreError> {
         let mut roots = Vec::new();
         for root in self.roots()? {
-            let path = self.inner.dir.join("roots").join(root.asset.to_string());
-            if let Some(metadata) = os::metadata(&path)? {
+            if let Some(metadata) = self.inner.backend.look(&format!("roots/{}", root.asset))? {
                 roots.push((root, os::modified(&metadata)));
             }
         }

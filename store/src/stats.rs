@@ -1,8 +1,9 @@
 //! How much a store holds.
 
+use crate::backend::{Backend, is_file};
 use crate::header::{CHUNK_HEADER_BYTES, ChunkHeader};
 use crate::store::Inner;
-use crate::{Form, Store, StoreError, os};
+use crate::{Form, Store, StoreError};
 use prelight_manifests::Digest;
 
 /// Counts and bytes of a store. Every place counts, also of chunks that two packs hold.
@@ -48,25 +49,21 @@ impl Store {
     /// # Errors
     /// What the system says.
     pub fn stats(&self) -> Result<Stats, StoreError> {
-        let dir = self.folder();
+        let backend = &*self.inner.backend;
         let mut stats = Stats::default();
-        for fan in os::list_folders(&dir.join("objects"))? {
-            let folder = dir.join("objects").join(fan);
-            for (name, bytes) in os::list_sized(&folder)? {
-                stats.objects += 1;
-                stats.object_bytes += bytes;
-                let path = folder.join(name);
-                let mut head = [0; CHUNK_HEADER_BYTES];
-                if let Some((mut file, _)) = os::open_sized(&path)?
-                    && os::read_at(&mut file, &path, 0, &mut head)?
-                    && let Ok(header) = ChunkHeader::decode(&head)
-                {
-                    stats.object_plain_bytes += header.plain_bytes;
-                    stats.objects_compressed += u64::from(header.form == Form::Zstd);
-                }
+        for (name, bytes) in list_sized(backend, "objects")? {
+            stats.objects += 1;
+            stats.object_bytes += bytes;
+            let mut head = [0; CHUNK_HEADER_BYTES];
+            if let Some(mut file) = backend.open(&name)?
+                && file.read_at(0, &mut head)?
+                && let Ok(header) = ChunkHeader::decode(&head)
+            {
+                stats.object_plain_bytes += header.plain_bytes;
+                stats.objects_compressed += u64::from(header.form == Form::Zstd);
             }
         }
-        for (_, bytes) in os::list_sized(&dir.join("packs"))? {
+        for (_, bytes) in list_sized(backend, "packs")? {
             stats.packs += 1;
             stats.pack_bytes += bytes;
         }
@@ -80,14 +77,25 @@ impl Store {
                 stats.packed_compressed += u64::from(entry.form == Form::Zstd);
             }
         }
-        stats.segment_bytes = os::list_sized(&dir.join("ledger"))?.iter().map(|(_, bytes)| bytes).sum();
+        stats.segment_bytes = list_sized(backend, "ledger")?.iter().map(|(_, bytes)| bytes).sum();
         let ledger = self.inner.ledger.read().expect("no panic under this lock");
         (stats.segments, stats.records) = (ledger.n_segments() as u64, ledger.n_records() as u64);
         stats.roots = self.roots()?.len() as u64;
         let bad = self.inner.bad.lock().expect("no panic under this lock");
         let index = self.inner.index.read().expect("no panic under this lock");
-        let lost = |digest: &&Digest| index.get(digest).is_none() && !os::is_file(&dir.join(Inner::object_name(digest))).unwrap_or(false);
+        let lost = |digest: &&Digest| index.get(digest).is_none() && !is_file(backend, &Inner::object_name(digest)).unwrap_or(false);
         stats.bad_chunks = bad.digests().filter(lost).count() as u64;
         Ok(stats)
     }
+}
+
+/// Names of the files below a folder, with their lengths.
+fn list_sized(backend: &dyn Backend, folder: &str) -> Result<Vec<(String, u64)>, StoreError> {
+    let mut files = Vec::new();
+    for name in backend.list(folder)? {
+        if let Some(metadata) = backend.look(&name)?.filter(|metadata| metadata.is_file()) {
+            files.push((name, metadata.len()));
+        }
+    }
+    Ok(files)
 }

@@ -1,5 +1,6 @@
 //! A store on disk: opening, looking up, and what is wrong with it.
 
+use crate::backend::{Backend, Folder, InMemory, Sweepable};
 use crate::bad::BadList;
 use crate::budget::Decoded;
 use crate::fault::{FaultPoint, Faults};
@@ -12,7 +13,6 @@ use crate::read::ObjectMap;
 use crate::{Budget, FormChoice, ShardWriter, StoreError, identity, ledger, names, os};
 use prelight_manifests::{Descriptor, Digest};
 use std::collections::{BTreeMap, BTreeSet};
-use std::ffi::OsString;
 use std::fmt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, OnceLock, RwLock};
@@ -81,7 +81,16 @@ impl StoreOptions {
     /// [`StoreError::NotFound`], [`StoreError::Format`], [`StoreError::Damaged`] for store.json, and what the system says. Damaged packs
     /// and segments are no errors: see [`Store::problems`].
     pub fn open(self, dir: impl AsRef<Path>) -> Result<Store, StoreError> {
-        Store::open_with(dir.as_ref(), self)
+        let folder = Folder::new(dir.as_ref(), self.mapping == Mapping::Auto);
+        Store::open_with(Arc::new(folder), self)
+    }
+
+    /// A new, empty store in memory: see [`Store::in_memory`].
+    ///
+    /// # Errors
+    /// When there is no memory for it.
+    pub fn in_memory(self) -> Result<Store, StoreError> {
+        Store::open_with(Arc::new(InMemory::default()), self.create(true))
     }
 }
 
@@ -93,9 +102,8 @@ pub struct Store {
 }
 
 pub(crate) struct Inner {
-    pub dir: RootedPath,
+    pub backend: Arc<dyn Backend>,
     pub id: String,
-    pub use_maps: bool,
     pub form: FormChoice,
     pub budget: Budget,
     /// Chunks in memory of their own that are in use.
@@ -114,7 +122,7 @@ pub(crate) struct Inner {
 
 impl fmt::Debug for Store {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Store({})", self.inner.dir.display())
+        write!(f, "Store({})", self.inner.backend.location().display())
     }
 }
 
@@ -135,23 +143,28 @@ impl Store {
         StoreOptions::new().create(true).open(dir)
     }
 
-    fn open_with(dir: &Path, options: StoreOptions) -> Result<Self, StoreError> {
-        let dir = &RootedPath::root(dir);
-        let found = identity::read(dir);
+    /// A new, empty store in memory, for tests and for programs that bake and show without a disk. Its clones are the same store, and it ends
+    /// with the last of them. It can be written, sealed, read and verified; there is nothing to sweep or to repair in it
+    /// ([`StoreError::NoFiles`]).
+    ///
+    /// # Panics
+    /// When there is no memory for a few hundred bytes.
+    pub fn in_memory() -> Self {
+        StoreOptions::new().in_memory().expect("a few hundred bytes of memory")
+    }
+
+    pub(crate) fn open_with(backend: Arc<dyn Backend>, options: StoreOptions) -> Result<Self, StoreError> {
+        let found = identity::read(&*backend);
         let fresh = matches!(found, Err(StoreError::NotFound { .. }));
         if options.create && (fresh || found.is_ok()) {
-            // Also in a store that is there: tools that copy folders may drop empty ones.
-            for folder in ["tmp", "objects", "packs", "ledger", "roots", "bad", "leases", "trash"] {
-                os::make_dir(&dir.join(folder))?;
-            }
+            backend.make()?;
         }
-        let id = if options.create && fresh { identity::create(dir)? } else { found? };
+        let id = if options.create && fresh { identity::create(&*backend)? } else { found? };
         let mut problems = Vec::new();
-        let bad = BadList::read(dir, &mut problems)?;
+        let bad = BadList::read(&*backend, &mut problems)?;
         let inner = Inner {
-            dir: dir.clone(),
+            backend,
             id,
-            use_maps: options.mapping == Mapping::Auto && !os::is_network(dir),
             form: options.form,
             budget: options.budget,
             decoded: Decoded::default(),
@@ -169,14 +182,15 @@ impl Store {
         Ok(store)
     }
 
-    /// The store's folder.
+    /// The store's folder; of a store in memory only words that say so.
     pub fn dir(&self) -> &Path {
-        &self.inner.dir
+        self.inner.backend.location()
     }
 
-    /// The same, as its files are named from.
-    pub(crate) fn folder(&self) -> &RootedPath {
-        &self.inner.dir
+    /// The folder as its files are named from, for `what` that needs one.
+    pub(crate) fn folder(&self, what: &'static str) -> Result<&RootedPath, StoreError> {
+        let no_files = || StoreError::NoFiles { location: self.dir().to_path_buf(), what };
+        self.inner.backend.sweepable().map(Sweepable::folder).ok_or_else(no_files)
     }
 
     /// The store's random id: 32 hexadecimal digits.
@@ -286,7 +300,7 @@ impl Inner {
 
     /// A step of the publish path has happened.
     pub fn pass(&self, point: FaultPoint) -> Result<(), StoreError> {
-        self.faults.pass(point).map_err(os::fail(point.name(), &self.dir))
+        self.faults.pass(point).map_err(os::fail(point.name(), self.backend.location()))
     }
 
     /// Where a chunk lies in a pack, in its full length.
@@ -300,12 +314,8 @@ impl Inner {
         if let Some(listed) = self.listed.get() {
             return Ok(listed.contains(digest));
         }
-        let folder = self.dir.join("objects");
-        let mut names = Vec::new();
-        for first in os::list_folders(&folder)? {
-            names.extend(os::list_if_dir(&folder.join(first))?);
-        }
-        let listed: BTreeSet<Digest> = names.iter().filter_map(|name| name.to_str()?.parse().ok()).collect();
+        let files = self.backend.list("objects")?;
+        let listed: BTreeSet<Digest> = files.iter().filter_map(|name| name.rsplit('/').next()?.parse().ok()).collect();
         Ok(self.listed.get_or_init(|| listed).contains(digest))
     }
 
@@ -314,23 +324,22 @@ impl Inner {
         if let Some(found) = self.find_packed(digest, plain_bytes) {
             return Ok(Some(found));
         }
-        let path = self.dir.join(Self::object_name(digest));
         // What is no file is no chunk either; a new one takes its place.
-        let Some((mut file, bytes)) = os::if_ours(os::open_sized(&path))?.flatten() else { return Ok(None) };
+        let Some(mut file) = os::if_ours(self.backend.open(&Self::object_name(digest)))?.flatten() else { return Ok(None) };
         let mut head = [0; CHUNK_HEADER_BYTES];
-        if !os::read_at(&mut file, &path, 0, &mut head)? {
+        if !file.read_at(0, &mut head)? {
             return Ok(None);
         }
         let whole = ChunkHeader::decode(&head).is_ok_and(|header| {
             let size = header.stored_bytes.checked_add(CHUNK_HEADER_BYTES as u64);
-            header.digest == *digest && header.plain_bytes == plain_bytes && size == Some(bytes)
+            header.digest == *digest && header.plain_bytes == plain_bytes && size == Some(file.len())
         });
         Ok(whole.then_some(Found::Object))
     }
 
     /// Files in a folder; a link in the folder's place is named in the store's problems, and has none.
-    fn list_or_name(&self, folder: &RootedPath) -> Result<Vec<OsString>, StoreError> {
-        let listed = os::list(folder);
+    fn list_or_name(&self, folder: &str) -> Result<Vec<String>, StoreError> {
+        let listed = self.backend.list(folder);
         if let Err(error @ StoreError::Foreign { .. }) = &listed {
             self.problem(error.to_string().lines().next().unwrap_or_default().to_string());
         }
@@ -338,14 +347,13 @@ impl Inner {
     }
 
     fn read_new_segments(&self) -> Result<Vec<(String, Vec<u8>)>, StoreError> {
-        let folder = self.dir.join("ledger");
         let mut segments = Vec::new();
-        for name in self.list_or_name(&folder)? {
-            let Some(name) = name.to_str().filter(|name| names::is_segment(name)) else { continue };
+        for file in self.list_or_name("ledger")? {
+            let Some(name) = file.strip_prefix("ledger/").filter(|name| names::is_segment(name)) else { continue };
             if self.ledger.read().expect("no panic under this lock").has_segment(name) {
                 continue;
             }
-            match ledger::read_file(&folder.join(name)) {
+            match ledger::read_file(&*self.backend, &file) {
                 Ok(Some(bytes)) => segments.push((name.to_string(), bytes)),
                 Ok(None) => {}
                 Err(error) => self.problem(format!("ledger/{name} cannot be read: {error}")),
@@ -357,12 +365,12 @@ impl Inner {
     /// Reads the indexes of packs that are not known yet; gives their number.
     pub fn load_new_packs(&self) -> Result<usize, StoreError> {
         let mut packs = Vec::new();
-        for name in self.list_or_name(&self.dir.join("packs"))? {
-            let Some(name) = name.to_str().filter(|name| names::is_pack(name)) else { continue };
+        for file in self.list_or_name("packs")? {
+            let Some(name) = file.strip_prefix("packs/").filter(|name| names::is_pack(name)) else { continue };
             if self.index.read().expect("no panic under this lock").has_pack(name) {
                 continue;
             }
-            match PackFile::read(&self.dir, name) {
+            match PackFile::read(&*self.backend, name) {
                 Ok(Some((pack, damage))) => {
                     if let Some(what) = damage {
                         let left = pack.entries.len();

@@ -38,8 +38,8 @@
 //!
 //! A sweep killed anywhere leaves files in the trash, nothing else: the next one, or whoever needs them, moves the live ones back.
 
+use crate::backend::Sweepable;
 use crate::fault::FaultPoint;
-use crate::hold::generations;
 use crate::lease::Leases;
 use crate::os::{self, FileTime, Kind, Locked, Metadata, RootedPath};
 use crate::store::Inner;
@@ -115,8 +115,9 @@ impl Store {
     /// [`StoreError::Locked`] while another sweep or repair runs, [`StoreError::Damaged`] when a root or its manifest cannot be read (nothing
     /// was moved then), [`StoreError::Missing`] for an asset to forget that is no root, and what the system says.
     pub fn sweep(&self, options: &SweepOptions) -> Result<SweepReport, StoreError> {
-        let _lock = self.lock_for("sweep")?;
-        let sweep = Sweep::begin(self.inner.clone(), options)?;
+        let dir = self.folder("swept")?;
+        let _lock = self.lock_for(dir, "sweep")?;
+        let sweep = Sweep::begin(self.inner.clone(), dir.clone(), options)?;
         let result = sweep.run();
         if result.is_err() || options.dry_run {
             sweep.remove_if_empty(&sweep.generation);
@@ -125,8 +126,8 @@ impl Store {
     }
 
     /// The lock that sweep and repair share.
-    pub(crate) fn lock_for(&self, what: &'static str) -> Result<Option<File>, StoreError> {
-        let path = self.folder().join("sweep.lock");
+    pub(crate) fn lock_for(&self, dir: &RootedPath, what: &'static str) -> Result<Option<File>, StoreError> {
+        let path = dir.join("sweep.lock");
         let file = os::open_or_create(&path)?;
         match os::try_lock(&file, &path) {
             Locked::Ours => Ok(Some(file)),
@@ -138,6 +139,7 @@ impl Store {
 
 struct Sweep<'a> {
     inner: std::sync::Arc<Inner>,
+    dir: RootedPath,
     options: &'a SweepOptions,
     /// Generations that were there before this one, each with the files that were in it then.
     earlier: Vec<(String, Vec<String>)>,
@@ -148,19 +150,19 @@ struct Sweep<'a> {
 const FOLDERS: [&str; 4] = ["ledger", "packs", "objects", "roots"];
 
 impl Sweep<'_> {
-    fn begin(inner: std::sync::Arc<Inner>, options: &SweepOptions) -> Result<Sweep<'_>, StoreError> {
+    fn begin(inner: std::sync::Arc<Inner>, dir: RootedPath, options: &SweepOptions) -> Result<Sweep<'_>, StoreError> {
         let mut earlier = Vec::new();
-        for generation in generations(&inner.dir)? {
-            let files = mark::list_trash(&inner.dir.join("trash").join(&generation), &FOLDERS)?;
+        for generation in inner.backend.sweepable().map_or_else(|| Ok(Vec::new()), Sweepable::generations)? {
+            let files = mark::list_trash(&dir.join("trash").join(&generation), &FOLDERS)?;
             earlier.push((generation, files));
         }
         let generation = os::unique_name();
-        let folder = inner.dir.join("trash").join(&generation);
+        let folder = dir.join("trash").join(&generation);
         os::make_dir(&folder)?;
         os::write_new(&folder.join("mark"), &[b"prelight trash 1\n"])?;
         let begin = os::metadata(&folder.join("mark"))?.map_or(0, |metadata| os::modified(&metadata));
         inner.pass(FaultPoint::SweepBegun)?;
-        Ok(Sweep { inner, options, earlier, generation, begin })
+        Ok(Sweep { inner, dir, options, earlier, generation, begin })
     }
 
     fn grace(&self) -> FileTime {
@@ -173,11 +175,11 @@ impl Sweep<'_> {
             self.forget(asset)?;
             report.forgotten.push(*asset);
         }
-        let leases = Leases::list(&self.inner.dir, self.begin, self.grace())?;
+        let leases = Leases::list(&self.dir, self.begin, self.grace())?;
         let cutoff = cutoff(self.begin, self.grace(), &leases, self.options.clock_slack);
-        let candidates = mark::list_files(&self.inner)?;
+        let candidates = mark::list_files(&self.dir)?;
         let forgotten = if self.options.dry_run { &self.options.forget[..] } else { &[] };
-        let marks = Marks::read(&self.inner, cutoff, forgotten)?;
+        let marks = Marks::read(&self.inner, &self.dir, cutoff, forgotten)?;
         (report.roots, report.live_chunks, report.leases) = (marks.n_roots, marks.n_live(), leases.counting);
         self.inner.pass(FaultPoint::SweepMarked)?;
         for (generation, files) in &self.earlier {
@@ -191,17 +193,17 @@ impl Sweep<'_> {
     }
 
     fn place(&self, name: &str) -> RootedPath {
-        self.inner.dir.join(name)
+        self.dir.join(name)
     }
 
     fn in_trash(&self, generation: &str, name: &str) -> RootedPath {
-        self.inner.dir.join("trash").join(generation).join(name)
+        self.dir.join("trash").join(generation).join(name)
     }
 
     /// Moves a root to the trash, unless it was sealed again since this sweep began.
     fn forget(&self, asset: &Digest) -> Result<(), StoreError> {
         let name = format!("roots/{asset}");
-        let no_root = || StoreError::Missing { digest: *asset, place: format!("the roots of {}", self.inner.dir.display()) };
+        let no_root = || StoreError::Missing { digest: *asset, place: format!("the roots of {}", self.dir.display()) };
         if os::open_sized(&self.place(&name))?.is_none() {
             return Err(no_root());
         }
@@ -229,7 +231,7 @@ impl Sweep<'_> {
         marks: &Marks,
         report: &mut SweepReport,
     ) -> Result<(), StoreError> {
-        let folder = self.inner.dir.join("trash").join(generation);
+        let folder = self.dir.join("trash").join(generation);
         let mark = os::metadata(&folder.join("mark"))?.filter(Metadata::is_file);
         // A generation without a mark was emptied, all but its folders; it has its folder's time.
         let made = match mark.or(os::metadata(&folder)?) {
@@ -242,7 +244,7 @@ impl Sweep<'_> {
             let Some(metadata) = os::metadata(&path)?.filter(Metadata::is_file) else { continue };
             let swept = |reason: &str| Swept { file: name.clone(), bytes: metadata.len(), reason: reason.to_string() };
             let is_root = name.starts_with("roots/");
-            let why = match marks.why_live(&path, name)? {
+            let why = match marks.why_live(&*self.inner.backend, &format!("trash/{generation}/{name}"), name)? {
                 Some(why) => Some(why),
                 None if !is_root && os::modified(&metadata) >= cutoff => Some("used since it was condemned"),
                 None => None,
@@ -275,7 +277,7 @@ impl Sweep<'_> {
 
     /// Phase 4.
     fn condemn(&self, candidates: Vec<Candidate>, cutoff: FileTime, marks: &Marks, report: &mut SweepReport) -> Result<(), StoreError> {
-        let condemned = marks.condemn(&self.inner, candidates, cutoff, self.begin)?;
+        let condemned = marks.condemn(&*self.inner.backend, candidates, cutoff, self.begin)?;
         let n_segments = condemned.iter().filter(|swept| swept.file.starts_with("ledger/")).count();
         for (i, swept) in condemned.iter().enumerate() {
             if i == n_segments && n_segments > 0 && !self.options.dry_run {
@@ -341,7 +343,7 @@ impl Sweep<'_> {
                 }
             }
         }
-        for folder in [self.inner.dir.clone(), self.place("bad")] {
+        for folder in [self.dir.clone(), self.place("bad")] {
             for name in os::list_if_dir(&folder)? {
                 let path = folder.join(&name);
                 let is_old = || Ok(os::metadata(&path)?.is_some_and(|metadata| os::modified(&metadata) < cutoff));
@@ -364,7 +366,7 @@ impl Sweep<'_> {
 
     /// Folders of a generation in which no file is left, and its mark last.
     fn remove_if_empty(&self, generation: &str) {
-        let folder = self.inner.dir.join("trash").join(generation);
+        let folder = self.dir.join("trash").join(generation);
         for fan in os::list_folders(&folder.join("objects")).unwrap_or_default() {
             os::remove_empty_dir(&folder.join("objects").join(fan));
         }

@@ -69,7 +69,10 @@ fn runtime_shows_no_foreign_types_and_the_store_calls_the_system_in_one_place() 
             let shown = code.lines().find(|line| line.trim_start().starts_with("pub ") && line.contains("glam::"));
             assert!(shown.is_none(), "{path}: {shown:?}");
         }
-        if path.starts_with("store/src") && !path.starts_with("store/src/os") && path != "store/src/map.rs" {
+        if path.starts_with("store/src")
+            && !path.starts_with("store/src/os")
+            && !["store/src/map.rs", "store/src/machine.rs"].contains(&path.as_str())
+        {
             // Holding an open file is fine; opening, listing, renaming, deleting and syncing are the system's business.
             let calls = [
                 "rustix",

@@ -11,9 +11,9 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// 4 GiB: an image of 16384 x 8192 with room to spare.
+    /// A quarter of the machine's memory, at most 4 GiB: an image of 16384 x 8192 with room to spare.
     fn default() -> Self {
-        Self { max_bytes: 4 << 30 }
+        Self { max_bytes: prelight_store::Budget::default().limit().min(4 << 30) }
     }
 }
 

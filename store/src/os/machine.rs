@@ -2,14 +2,6 @@
 
 use std::path::Path;
 
-/// Bytes of memory that the machine has.
-#[cfg(target_os = "linux")]
-pub(crate) fn memory() -> Option<u64> {
-    let info = rustix::system::sysinfo();
-    let bytes = u128::from(info.totalram) * u128::from(info.mem_unit);
-    u64::try_from(bytes).ok().filter(|bytes| *bytes > 0)
-}
-
 /// Kinds of file system by the magic number of statfs(2), and whether another machine may change files there. Unknown ones count as local.
 #[cfg(target_os = "linux")]
 const FILE_SYSTEMS: [(u32, &str, bool); 24] = [

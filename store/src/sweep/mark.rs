@@ -1,6 +1,7 @@
 //! What a sweep keeps: the chunks that roots and young records name, and the files that hold them.
 
 use super::Swept;
+use crate::backend::Backend;
 use crate::index::PackFile;
 use crate::lease::Leases;
 use crate::ledger::{self, decode_record, parse_segment};
@@ -32,24 +33,24 @@ pub(crate) struct Candidate {
 }
 
 /// Segments, packs and objects, in this order.
-pub(crate) fn list_files(inner: &Inner) -> Result<Vec<Candidate>, StoreError> {
+pub(crate) fn list_files(dir: &RootedPath) -> Result<Vec<Candidate>, StoreError> {
     let mut files = Vec::new();
-    list_folder(inner, "ledger", &mut files)?;
-    list_folder(inner, "packs", &mut files)?;
-    for fan in os::list_folders(&inner.dir.join("objects"))? {
-        list_folder(inner, &format!("objects/{}", fan.to_string_lossy()), &mut files)?;
+    list_folder(dir, "ledger", &mut files)?;
+    list_folder(dir, "packs", &mut files)?;
+    for fan in os::list_folders(&dir.join("objects"))? {
+        list_folder(dir, &format!("objects/{}", fan.to_string_lossy()), &mut files)?;
     }
     Ok(files)
 }
 
 /// Files with names that do not fit are nobody's to sweep.
-fn list_folder(inner: &Inner, folder: &str, files: &mut Vec<Candidate>) -> Result<(), StoreError> {
-    for name in os::list(&inner.dir.join(folder))? {
+fn list_folder(dir: &RootedPath, folder: &str, files: &mut Vec<Candidate>) -> Result<(), StoreError> {
+    for name in os::list(&dir.join(folder))? {
         let name = format!("{folder}/{}", name.to_string_lossy());
         if !names::is_final(&name) {
             continue;
         }
-        if let Some(metadata) = os::metadata(&inner.dir.join(&name))?.filter(Metadata::is_file) {
+        if let Some(metadata) = os::metadata(&dir.join(&name))?.filter(Metadata::is_file) {
             files.push(Candidate { name, bytes: metadata.len(), modified: os::modified(&metadata) });
         }
     }
@@ -87,22 +88,22 @@ pub(crate) struct Marks {
 
 impl Marks {
     /// Records first, then roots: what is sealed meanwhile was a young record before.
-    pub fn read(inner: &Arc<Inner>, cutoff: FileTime, forgotten: &[Digest]) -> Result<Self, StoreError> {
+    pub fn read(inner: &Arc<Inner>, dir: &RootedPath, cutoff: FileTime, forgotten: &[Digest]) -> Result<Self, StoreError> {
         let (mut live, mut young_segments) = (Vec::new(), Vec::new());
-        for name in os::list(&inner.dir.join("ledger"))? {
+        for name in os::list(&dir.join("ledger"))? {
             let Some(name) = name.to_str().filter(|name| names::is_segment(name)) else { continue };
-            let path = inner.dir.join("ledger").join(name);
-            if os::metadata(&path)?.is_some_and(|metadata| os::modified(&metadata) >= cutoff) {
-                young_segments.push(format!("ledger/{name}"));
-                for (chunks, _) in records(&path)? {
+            let file = format!("ledger/{name}");
+            if os::metadata(&dir.join(&file))?.is_some_and(|metadata| os::modified(&metadata) >= cutoff) {
+                for (chunks, _) in records(&*inner.backend, &file)? {
                     live.extend(chunks);
                 }
+                young_segments.push(file);
             }
         }
         let store = Store { inner: inner.clone() };
         let mut n_roots = 0;
-        for (name, _) in os::entries(&inner.dir.join("roots"))? {
-            let path = inner.dir.join("roots").join(&name);
+        for (name, _) in os::entries(&dir.join("roots"))? {
+            let path = dir.join("roots").join(&name);
             let Ok(asset) = name.to_string_lossy().parse::<Digest>() else { continue };
             if forgotten.contains(&asset) {
                 continue;
@@ -137,16 +138,16 @@ impl Marks {
         self.live.binary_search(digest).is_ok()
     }
 
-    /// Why a file of the trash is to come back, if it is.
-    pub fn why_live(&self, path: &RootedPath, name: &str) -> Result<Option<&'static str>, StoreError> {
+    /// Why a file of the trash, `swept`, is to come back as `name`, if it is.
+    pub fn why_live(&self, backend: &dyn Backend, swept: &str, name: &str) -> Result<Option<&'static str>, StoreError> {
         let holds = |live: bool| live.then_some("it holds a chunk that is live");
         Ok(match name.split_once('/') {
             Some(("objects", _)) => {
                 holds(name.rsplit('/').next().and_then(|hex| hex.parse().ok()).is_some_and(|digest| self.is_live(&digest)))
             }
-            Some(("packs", _)) => holds(digests_of_pack(path)?.iter().any(|digest| self.is_live(digest))),
+            Some(("packs", _)) => holds(digests_of_pack(backend, swept)?.iter().any(|digest| self.is_live(digest))),
             Some(("ledger", _)) => {
-                let records = records(path)?;
+                let records = records(backend, swept)?;
                 let whole = |(chunks, known): &(Vec<Digest>, bool)| *known && !chunks.is_empty() && chunks.iter().all(|d| self.is_live(d));
                 records.iter().any(whole).then_some("it holds a record of live chunks")
             }
@@ -155,7 +156,13 @@ impl Marks {
     }
 
     /// What goes: segments, then packs and objects.
-    pub fn condemn(&self, inner: &Inner, candidates: Vec<Candidate>, cutoff: FileTime, begin: FileTime) -> Result<Vec<Swept>, StoreError> {
+    pub fn condemn(
+        &self,
+        backend: &dyn Backend,
+        candidates: Vec<Candidate>,
+        cutoff: FileTime,
+        begin: FileTime,
+    ) -> Result<Vec<Swept>, StoreError> {
         let swept = |file: Candidate, why: &str| {
             let hours = begin.saturating_sub(file.modified) / HOUR;
             let reason = format!("{why}, last used {} days and {} hours ago", hours / 24, hours % 24);
@@ -165,7 +172,7 @@ impl Marks {
         let (mut condemned, mut kept) = (Vec::new(), Vec::new());
         for file in files {
             let digests = match file.name.strip_prefix("packs/") {
-                Some(_) => digests_of_pack(&inner.dir.join(&file.name))?,
+                Some(_) => digests_of_pack(backend, &file.name)?,
                 None => file.name.rsplit('/').next().and_then(|hex| hex.parse().ok()).into_iter().collect(),
             };
             if file.modified >= cutoff || digests.iter().any(|digest| self.is_live(digest)) {
@@ -183,7 +190,7 @@ impl Marks {
             if is_young {
                 continue;
             }
-            let records = records(&inner.dir.join(&file.name))?;
+            let records = records(backend, &file.name)?;
             // Records without chunks are findings about others; they are small, and stay where nothing says that they are of no use.
             let with_chunks = || records.iter().filter(|(chunks, known)| !known || !chunks.is_empty());
             let is_of_use = with_chunks().next().is_none() || with_chunks().any(|(chunks, known)| !known || chunks.iter().all(is_kept));
@@ -197,8 +204,8 @@ impl Marks {
 }
 
 /// Chunks of each record of a segment, and whether this build could read the record. A damaged segment holds none.
-fn records(path: &RootedPath) -> Result<Vec<(Vec<Digest>, bool)>, StoreError> {
-    let bytes = ledger::read_file(path)?.unwrap_or_default();
+fn records(backend: &dyn Backend, name: &str) -> Result<Vec<(Vec<Digest>, bool)>, StoreError> {
+    let bytes = ledger::read_file(backend, name)?.unwrap_or_default();
     let places = parse_segment(&bytes).unwrap_or_default();
     let read = |(offset, len): (usize, usize)| match decode_record(&bytes[offset..offset + len]) {
         Some((_, record)) => (record.chunks.iter().map(|chunk| chunk.digest).collect(), true),
@@ -208,7 +215,7 @@ fn records(path: &RootedPath) -> Result<Vec<(Vec<Digest>, bool)>, StoreError> {
 }
 
 /// Chunks of a pack, wherever it lies.
-fn digests_of_pack(path: &RootedPath) -> Result<Vec<Digest>, StoreError> {
-    let entries = PackFile::read_entries(path)?.map(|(entries, _)| entries).unwrap_or_default();
+fn digests_of_pack(backend: &dyn Backend, name: &str) -> Result<Vec<Digest>, StoreError> {
+    let entries = PackFile::read_entries(backend, name)?.map(|(entries, _)| entries).unwrap_or_default();
     Ok(entries.into_iter().map(|entry| entry.digest).collect())
 }
