@@ -1,11 +1,10 @@
 //! Time, bytes and error at points.
 //!
-//! The sample is a fixed set of whole patches, spread evenly over the asset, of points that see anything. Haar products, which cost
-//! hundreds of times as much, are timed on the first points of each of them.
+//! The sample is a fixed set of whole patches, spread evenly over the asset, of points that see anything. Methods that cost hundreds of times
+//! as much as the others are timed on the first points of each of them.
 
-use super::clock::thread_nanoseconds;
-use super::prepared::{BakedPatch, PatchLight, PreparedLight, Shader, Spent, Tables};
-use super::technique::Technique;
+use crate::contestant::{FEW_POINTS, PatchLight};
+use crate::entrant::{Entrant, Run};
 use prelight_bake::error::BakeError;
 use prelight_bake::progress::{Progress, Stage, check};
 use prelight_runtime::asset::Asset;
@@ -16,22 +15,21 @@ use prelight_runtime::brdf::GltfSurface;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::compare;
 use prelight_runtime::environment::LightCubemap;
+use std::sync::Arc;
 
 /// Rounds after the first, which warms up.
 const ROUNDS: usize = 5;
-/// Points of a patch on which Haar products are timed and compared.
-const HAAR_POINTS: usize = 16;
-/// Every so many points of a patch one is compared with the oracle, the first among them, so that Haar's points are.
+/// Every so many points of a patch one is compared with the oracle, and the first ones, so that those of dear methods are.
 const ORACLE_STEP: usize = 8;
 /// Base colour of the surfaces at which errors at points are taken.
 const BASE: f32 = 0.5;
 
-/// What was measured of a technique in a cell.
+/// What was measured of an entrant in a cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measured {
     /// CPU time per point, all but the projection of ρ.
     pub ns_per_point: f64,
-    /// CPU time per point of projecting ρ on the fly, 0 for techniques that need none.
+    /// CPU time per point of projecting ρ on the fly, 0 for methods that need none.
     pub projection_ns: f64,
     /// Bytes of visibility per point.
     pub bytes_per_point: f64,
@@ -57,93 +55,76 @@ pub fn sample(asset: &Asset, points: usize) -> Vec<usize> {
     (0..wanted.min(seeing.len())).map(|i| seeing[i * seeing.len() / wanted]).collect()
 }
 
-/// Measures all techniques on the patches of `sample` under one light.
+/// Measures all entrants on the patches of `sample` under one light.
 ///
 /// # Errors
 /// [`BakeError::Cancelled`].
 pub fn measure(
     asset: &Asset,
     sample: &[usize],
-    techniques: &[Technique],
-    tables: &Tables,
+    entrants: &[Arc<dyn Entrant>],
     light: &LightCubemap,
     eye: [f32; 3],
     progress: &dyn Progress,
 ) -> Result<Vec<Measured>, BakeError> {
-    let stage = Stage::begin(progress, "measure", Some(techniques.len() as u64 * (ROUNDS + 1) as u64), "runs");
-    let n_points: usize = sample.iter().map(|patch| asset.patches()[*patch].points.len()).sum();
-    let mut shader = Shader::new(light.face_resolution);
+    let stage = Stage::begin(progress, "measure", Some(entrants.len() as u64 * (ROUNDS + 1) as u64), "runs");
     let mut states = Vec::new();
-    for technique in techniques.iter().copied() {
+    for entrant in entrants {
         check(progress)?;
-        let start = thread_nanoseconds();
-        let prepared = PreparedLight::new(technique, light);
-        let prepare_seconds = 1e-9 * (thread_nanoseconds() - start);
-        let start = thread_nanoseconds();
-        let baked: Vec<BakedPatch> = sample.iter().map(|patch| BakedPatch::new(technique, tables, &asset.patches()[*patch])).collect();
-        let conversion_ns = (thread_nanoseconds() - start) / n_points.max(1) as f64;
-        let bytes: usize = baked.iter().zip(sample).map(|(baked, patch)| baked.bytes(technique, &asset.patches()[*patch])).sum();
-        let measured =
-            Measured { bytes_per_point: bytes as f64 / n_points.max(1) as f64, prepare_seconds, conversion_ns, ..Measured::default() };
-        states.push(State { technique, prepared, baked, measured, spent: Vec::new(), out: Vec::new() });
+        let run = entrant.run(sample.iter().map(|patch| &asset.patches()[*patch]).collect(), light);
+        states.push(State { entrant: &**entrant, run, spent: Vec::new() });
     }
     for round in 0..=ROUNDS {
         for state in &mut states {
             check(progress)?;
-            let (mut spent, mut points) = (Spent::default(), 0);
-            state.out.resize(sample.len(), PatchLight::default());
-            for ((patch, baked), out) in sample.iter().zip(&state.baked).zip(&mut state.out) {
-                let patch = &asset.patches()[*patch];
-                let count = points_of(state.technique, patch.points.len());
-                let part = shader.shade(state.technique, &state.prepared, patch, baked, eye, count, out);
-                spent.product += part.product;
-                spent.projection += part.projection;
-                points += count;
-            }
+            let spent = state.run.shade(eye, false);
             if round > 0 {
-                let per_point = 1.0 / points.max(1) as f64;
-                state.spent.push([spent.product * per_point, spent.projection * per_point]);
+                state.spent.push(spent.per_point());
             }
             stage.advance(1);
         }
     }
     let truth = oracle(asset, sample, light, eye, progress)?;
-    for state in &mut states {
-        let median = |which: usize| {
-            let mut times: Vec<f64> = state.spent.iter().map(|spent| spent[which]).collect();
-            times.sort_by(f64::total_cmp);
-            times[times.len() / 2]
-        };
-        (state.measured.ns_per_point, state.measured.projection_ns) = (median(0), median(1));
-        if state.technique.is_direct() {
-            let compared = compared(asset, sample, state.technique, &state.out, &truth, eye);
-            (state.measured.relative_l2, state.measured.psnr_db) = errors(&compared)?;
-        }
-    }
-    Ok(states.into_iter().map(|state| state.measured).collect())
+    states.iter().map(|state| state.measured(asset, sample, &truth, eye)).collect()
 }
 
-struct State {
-    technique: Technique,
-    prepared: PreparedLight,
-    baked: Vec<BakedPatch>,
-    measured: Measured,
+struct State<'a> {
+    entrant: &'a dyn Entrant,
+    run: Box<dyn Run + 'a>,
     spent: Vec<[f64; 2]>,
-    out: Vec<PatchLight>,
 }
 
-/// How many points of a patch a technique is measured on.
-pub(super) fn points_of(technique: Technique, points: usize) -> usize {
-    match technique {
-        Technique::HaarTriple { .. } => points.min(HAAR_POINTS),
-        _ => points,
+impl State<'_> {
+    fn measured(&self, asset: &Asset, sample: &[usize], truth: &Truth, eye: [f32; 3]) -> Result<Measured, BakeError> {
+        let n_points: usize = sample.iter().map(|patch| asset.patches()[*patch].points.len()).sum();
+        let per_point = |of: f64| of / n_points.max(1) as f64;
+        let median = |which: usize| median(self.spent.iter().map(|spent| spent[which]).collect());
+        let (relative_l2, psnr_db) = match self.entrant.is_direct() {
+            true => errors(&compared(asset, sample, self.entrant, self.run.shaded(), truth, eye))?,
+            false => (None, None),
+        };
+        Ok(Measured {
+            ns_per_point: median(0),
+            projection_ns: median(1),
+            bytes_per_point: per_point(self.run.bytes() as f64),
+            prepare_seconds: self.run.prepare_seconds(),
+            conversion_ns: per_point(self.run.conversion_ns()),
+            relative_l2,
+            psnr_db,
+        })
     }
+}
+
+/// The middle one, the upper of two; 0 of none.
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Radiance toward the eye of points that are compared, per patch of the sample: index in the patch and colour.
 pub(super) type Truth = Vec<Vec<(usize, [f32; 3])>>;
 
-/// The sum over texels at every [`ORACLE_STEP`]th point and the first [`HAAR_POINTS`] of each patch.
+/// The sum over texels at every [`ORACLE_STEP`]th point and the first [`FEW_POINTS`] of each patch.
 pub(super) fn oracle(
     asset: &Asset,
     sample: &[usize],
@@ -158,7 +139,7 @@ pub(super) fn oracle(
         let (position, surfaces, visibility) = (patch.points().position, patch.surfaces(), patch.visibility());
         let mut open = vec![0; open_words(light.face_resolution)];
         let mut compared = Vec::new();
-        for point in (0..visibility.len()).filter(|point| point % ORACLE_STEP == 0 || *point < HAAR_POINTS) {
+        for point in (0..visibility.len()).filter(|point| point % ORACLE_STEP == 0 || *point < FEW_POINTS) {
             visibility.point(point).to_open_bits(light.face_resolution, &mut open);
             let view = toward(eye, position[point], surfaces.normal[point]);
             let diffuse = pixel_product::diffuse(light, &open);
@@ -190,14 +171,14 @@ fn radiance(surface: &GltfSurface, n: [f32; 3], v: [f32; 3], irradiance: &[[f32;
     std::array::from_fn(|c| diffuse[c] * dot(irradiance[c], n).max(0.0) + f0[c] * glossy[0][c] + glossy[1][c])
 }
 
-/// Shown and true radiance of the points that a technique was measured on and the oracle knows.
+/// Shown and true radiance of the points that an entrant was measured on and the oracle knows.
 pub(super) type Compared = [Vec<[f32; 3]>; 2];
 
 /// Gathers them, patch by patch.
 pub(super) fn compared(
     asset: &Asset,
     sample: &[usize],
-    technique: Technique,
+    entrant: &dyn Entrant,
     out: &[PatchLight],
     truth: &Truth,
     eye: [f32; 3],
@@ -206,7 +187,7 @@ pub(super) fn compared(
     for ((patch, out), truth) in sample.iter().zip(out).zip(truth) {
         let patch = &asset.patches()[*patch];
         let (position, surfaces) = (patch.points().position, patch.surfaces());
-        let count = points_of(technique, patch.points.len());
+        let count = entrant.timed_points(patch.points.len());
         for (point, expected) in truth.iter().filter(|(point, _)| *point < count) {
             let (n, point) = (surfaces.normal[*point], *point);
             let surface = surface(&surfaces, point);

@@ -7,13 +7,11 @@
 //! ```
 //!
 //! T is the display (exposure fixed by the truth's first frame, clamp, sRGB curve), *true* is `pixel_product`: the same texels and bits, so nothing
-//! random is in it. Popping shows here and not in a still. Techniques that can keep diffuse light while only the eye moves are timed without it.
+//! random is in it. Popping shows here and not in a still. Methods that can keep diffuse light while only the eye moves are timed without it.
 
-use super::clock::thread_nanoseconds;
-use super::measure::{Compared, compared, errors, oracle, points_of};
-use super::prepared::{BakedPatch, PatchLight, PreparedLight, Shader, Tables};
-use super::technique::Technique;
+use super::measure::{Compared, compared, errors, median, oracle};
 use super::thumbnail::{display, steps};
+use crate::entrant::{Entrant, Run};
 use prelight_bake::error::BakeError;
 use prelight_bake::progress::{Progress, Stage, check};
 use prelight_runtime::asset::Asset;
@@ -21,6 +19,7 @@ use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::tonemap::automatic_exposure;
 use prelight_runtime::environment::{Environment, LightCubemap};
+use std::sync::Arc;
 
 /// Frames of a sequence.
 pub const FRAMES: usize = 6;
@@ -62,7 +61,7 @@ impl Motion {
     }
 }
 
-/// What was measured of a technique over a sequence.
+/// What was measured of an entrant over a sequence.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moved {
     /// CPU time per point of a frame, all but the projection of ρ: the median.
@@ -84,11 +83,9 @@ pub fn temporal(mut errors: Vec<f32>) -> Option<[f64; 2]> {
     Some([f64::from(*errors.get(rank)?), f64::from(*errors.last()?)])
 }
 
-struct State {
-    technique: Technique,
-    prepared: PreparedLight,
-    baked: Vec<BakedPatch>,
-    out: Vec<PatchLight>,
+struct State<'a> {
+    entrant: &'a dyn Entrant,
+    run: Box<dyn Run + 'a>,
     spent: Vec<[f64; 2]>,
     prepare: Vec<f64>,
     /// Display values of the last frame, shown and true.
@@ -97,69 +94,47 @@ struct State {
     temporal: Vec<f32>,
 }
 
-/// Measures all techniques on the patches of `sample` in a sequence.
+/// Measures all entrants on the patches of `sample` in a sequence.
 ///
 /// # Errors
 /// [`BakeError::Cancelled`].
 pub fn measure_moving(
     asset: &Asset,
     sample: &[usize],
-    techniques: &[Technique],
-    tables: &Tables,
+    entrants: &[Arc<dyn Entrant>],
     motion: Motion,
     environment: &Environment,
     camera: &Camera,
     progress: &dyn Progress,
 ) -> Result<Vec<Moved>, BakeError> {
-    let stage = Stage::begin(progress, motion.name(), Some((techniques.len() * FRAMES) as u64), "runs");
+    let stage = Stage::begin(progress, motion.name(), Some((entrants.len() * FRAMES) as u64), "runs");
     let n = asset.manifest().content.face_resolution as usize;
-    let mut shader = Shader::new(n);
     let mut light = LightCubemap::from_environment(environment, n);
-    let mut states: Vec<State> = (techniques.iter())
-        .map(|technique| State {
-            technique: *technique,
-            prepared: PreparedLight::new(*technique, &light),
-            baked: sample.iter().map(|patch| BakedPatch::new(*technique, tables, &asset.patches()[*patch])).collect(),
-            out: vec![PatchLight::default(); sample.len()],
-            spent: Vec::new(),
-            prepare: Vec::new(),
-            last: None,
-            all: Compared::default(),
-            temporal: Vec::new(),
-        })
-        .collect();
+    let patches = || sample.iter().map(|patch| &asset.patches()[*patch]).collect();
+    let mut states: Vec<State> = entrants.iter().map(|entrant| State::new(&**entrant, entrant.run(patches(), &light))).collect();
     let mut exposure = None;
     for frame in 0..FRAMES {
         let (environment, camera) = motion.frame(environment, camera, frame);
-        if motion == Motion::Light && frame > 0 {
+        let is_relit = motion == Motion::Light && frame > 0;
+        if is_relit {
             light = LightCubemap::from_environment(&environment, n);
         }
         let truth = oracle(asset, sample, &light, camera.eye, progress)?;
         let row: Vec<[f32; 3]> = truth.iter().flatten().map(|(_, radiance)| *radiance).collect();
         let exposure = *exposure.get_or_insert_with(|| automatic_exposure(&row_of(&row), &[]));
-        shader.only_view_moved = motion == Motion::View && frame > 0;
         for state in &mut states {
             check(progress)?;
-            if motion == Motion::Light && frame > 0 {
-                let start = thread_nanoseconds();
-                state.prepared = PreparedLight::new(state.technique, &light);
-                state.prepare.push(1e-9 * (thread_nanoseconds() - start));
+            if is_relit {
+                state.run.relight(&light);
+                state.prepare.push(state.run.prepare_seconds());
             }
-            let (mut spent, mut points) = ([0.0; 2], 0);
-            for ((patch, baked), out) in sample.iter().zip(&state.baked).zip(&mut state.out) {
-                let patch = &asset.patches()[*patch];
-                let count = points_of(state.technique, patch.points.len());
-                let part = shader.shade(state.technique, &state.prepared, patch, baked, camera.eye, count, out);
-                spent[0] += part.product;
-                spent[1] += part.projection;
-                points += count;
-            }
+            let spent = state.run.shade(camera.eye, motion == Motion::View && frame > 0);
             // The first frame fills caches, and has the diffuse light that later ones keep.
             if frame > 0 {
-                state.spent.push(spent.map(|ns| ns / points.max(1) as f64));
+                state.spent.push(spent.per_point());
             }
-            if state.technique.is_direct() {
-                state.compare(compared(asset, sample, state.technique, &state.out, &truth, camera.eye), exposure);
+            if state.entrant.is_direct() {
+                state.compare(compared(asset, sample, state.entrant, state.run.shaded(), &truth, camera.eye), exposure);
             }
             stage.advance(1);
         }
@@ -171,18 +146,17 @@ fn row_of(pixels: &[[f32; 3]]) -> Image {
     Image { width: pixels.len(), height: 1, pixels: pixels.to_vec() }
 }
 
-/// The middle one, the upper of two; 0 of none.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
-}
-
 /// What a picture has more than the last one.
 pub(super) fn change(now: &[[f32; 3]], last: &[[f32; 3]]) -> Vec<[f32; 3]> {
     now.iter().zip(last).map(|(now, last)| std::array::from_fn(|c| now[c] - last[c])).collect()
 }
 
-impl State {
+impl<'a> State<'a> {
+    fn new(entrant: &'a dyn Entrant, run: Box<dyn Run + 'a>) -> Self {
+        let (spent, prepare, temporal) = (Vec::new(), Vec::new(), Vec::new());
+        State { entrant, run, spent, prepare, last: None, all: Compared::default(), temporal }
+    }
+
     fn compare(&mut self, compared: Compared, exposure: f32) {
         let now = [0, 1].map(|i: usize| display(&row_of(&compared[i]), exposure));
         if let Some(last) = self.last.take() {

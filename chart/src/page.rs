@@ -5,7 +5,7 @@
 use super::look::{Heading, picture, whole};
 use super::motion::Motion;
 use super::row::{Row, fields, significant};
-use super::svg::{Mark, Plot, Unit, colour, escaped, in_unit};
+use super::svg::{Mark, Palette, Plot, Unit, escaped, in_unit};
 use super::thumbnail::scale;
 use prelight_bake::budget::knapsack::Contest;
 use std::fmt::Write;
@@ -131,7 +131,7 @@ fn hover(row: &Row) -> Vec<String> {
 }
 
 /// The charts of one cell: name and SVG.
-pub fn plots(rows: &[Row]) -> Vec<(&'static str, String)> {
+pub fn plots(rows: &[Row], palette: &Palette) -> Vec<(&'static str, String)> {
     let Some(first) = rows.first() else { return Vec::new() };
     let axes: &[Axes] = if first.motion == Motion::Still.name() { &AXES } else { &MOVING };
     (axes.iter())
@@ -148,6 +148,7 @@ pub fn plots(rows: &[Row]) -> Vec<(&'static str, String)> {
                 error_name: axes.error_name.to_string(),
                 marks: rows.iter().enumerate().map(mark).collect(),
                 line: axes.has_line.then(|| ("path tracer at equal error".to_string(), reference_line(rows))),
+                palette: palette.clone(),
             };
             (axes.name, plot.to_svg())
         })
@@ -195,9 +196,9 @@ fn means(cells: &[Cell], held_back: bool) -> Vec<Row> {
 }
 
 /// The page. `extra`: what stands before the cells.
-pub fn page(heading: &Heading, cells: &[Cell], extra: &[Section]) -> String {
+pub fn page(heading: &Heading, cells: &[Cell], extra: &[Section], palette: &Palette) -> String {
     let mut links = vec![("glance".to_string(), "At a glance".to_string())];
-    let mut body = glance(cells);
+    let mut body = glance(cells, palette);
     for (anchor, link, html) in extra {
         links.push((anchor.clone(), link.clone()));
         let _ = writeln!(body, "<section id=\"{}\">\n{html}</section>", escaped(anchor));
@@ -229,7 +230,7 @@ pub fn page(heading: &Heading, cells: &[Cell], extra: &[Section]) -> String {
             let held = if held_back { " No constant of prelight was chosen by looking at these." } else { "" };
             let _ = writeln!(body, "<h2 id=\"{anchor}\">{title}</h2>\n<p class=\"soft\">{says}{held}</p>\n{}", scale());
             links.push((anchor, title));
-            chosen.iter().for_each(|cell| article(&mut body, cell));
+            chosen.iter().for_each(|cell| article(&mut body, cell, palette));
         }
     }
     whole(heading, &links, &body)
@@ -261,6 +262,7 @@ pub fn contest_section(contests: &[Contest], objects: usize) -> Section {
         error_name: "budget: relative L2 between points".to_string(),
         marks: marks.collect(),
         line: None,
+        palette: Palette::new([("planner", Some(5)), ("one setting", Some(6))]),
     };
     let mut out = format!(
         "<h2>The planner and one setting for all</h2>\n<p>For each budget the planner takes of each object the cheapest edge length and border of shadows \
@@ -289,7 +291,7 @@ pub fn contest_section(contests: &[Contest], objects: usize) -> Section {
     ("planner".to_string(), "The planner".to_string(), out)
 }
 
-fn glance(cells: &[Cell]) -> String {
+fn glance(cells: &[Cell], palette: &Palette) -> String {
     let mut out = "<h2 id=\"glance\">At a glance</h2>\n<p>Lower is more accurate, further left is cheaper. Hover a mark for its settings and pictures. \
                    Geometric means over all stills.</p>\n"
         .to_string();
@@ -299,7 +301,7 @@ fn glance(cells: &[Cell]) -> String {
             continue;
         }
         let _ = writeln!(out, "<article><header><h3>{name}</h3></header>\n<div class=\"plots\">");
-        plots(&rows).into_iter().take(3).for_each(|(_, svg)| out += &svg);
+        plots(&rows, palette).into_iter().take(3).for_each(|(_, svg)| out += &svg);
         out += "</div>\n<div class=\"wide\"><table><tr><th class=\"name\">technique</th><th class=\"name\">budget</th><th>time a point</th>\
                 <th>bytes a point</th><th>error at points</th><th>error of the picture</th><th>PSNR dB</th><th>FLIP</th>\
                 <th>path tracer, a pixel at equal error</th></tr>\n";
@@ -310,7 +312,7 @@ fn glance(cells: &[Cell]) -> String {
                 out,
                 "<tr{class} data-row=\"{i}\"><td class=\"name\"><span class=\"dot\" style=\"background:{}\"></span>{}</td><td class=\"name\">{}</td>\
                  <td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-                colour(&row.technique),
+                palette.colour(&row.technique),
                 escaped(&row.technique),
                 escaped(&row.budget),
                 in_unit(row.frame_ns(), Unit::Nanoseconds),
@@ -327,7 +329,7 @@ fn glance(cells: &[Cell]) -> String {
     out
 }
 
-fn article(out: &mut String, cell: &Cell) {
+fn article(out: &mut String, cell: &Cell, palette: &Palette) {
     let Some(first) = cell.rows.first() else { return };
     let held_back = if first.held_back { "<span class=\"badge held\">held back</span>" } else { "" };
     let _ = writeln!(
@@ -337,7 +339,7 @@ fn article(out: &mut String, cell: &Cell) {
         escaped(&first.view),
         escaped(&first.motion)
     );
-    plots(&cell.rows).iter().for_each(|(_, svg)| *out += svg);
+    plots(&cell.rows, palette).iter().for_each(|(_, svg)| *out += svg);
     *out += "</div>\n<div class=\"cards\">\n";
     if let Some(truth) = &cell.truth {
         let noise = first.reference_noise.map_or(String::new(), |noise| format!("<br>its noise {}", significant(noise)));
@@ -358,7 +360,7 @@ fn article(out: &mut String, cell: &Cell) {
              <b>{}</b> {}<br>{}</figcaption></figure>",
             picture(shown, &name),
             picture(error, &format!("error of {name}")),
-            colour(&row.technique),
+            palette.colour(&row.technique),
             escaped(&row.technique),
             escaped(&row.budget),
             says.join("<br>")
@@ -427,7 +429,7 @@ mod tests {
         moving.rows.iter_mut().for_each(|row| (row.motion, row.temporal_p999) = (Motion::Light.name().into(), Some(1.0)));
         let heading = Heading { title: "a < b".into(), lines: vec!["one".into()], told: Vec::new() };
         let extra = [("own".to_string(), "Own".to_string(), "<p>mine</p>\n".to_string())];
-        let text = page(&heading, &[seen.clone(), held, moving, Cell::default()], &extra);
+        let text = page(&heading, &[seen.clone(), held, moving, Cell::default()], &extra, &Palette::default());
         assert!(text.contains("<h1>a &lt; b</h1>") && text.contains("noon &amp; night") && text.contains("<p>mine</p>"));
         // Three at a glance for each of seen and held back, four a still, two for what moves.
         assert_eq!(text.matches("</svg>").count(), 2 * 3 + 2 * 4 + 2);

@@ -1,22 +1,19 @@
-//! A whole view shaded with one technique and drawn.
+//! A whole view shaded by one entrant and drawn.
 
-use super::prepared::{BakedPatch, PatchLight, PreparedLight, Shader, Tables};
-use super::technique::Technique;
+use crate::contestant::PatchLight;
+use crate::entrant::Entrant;
+use crate::methods::moments::lunes;
 use prelight_bake::error::BakeError;
-use prelight_bake::progress::{Progress, check};
+use prelight_bake::progress::Progress;
 use prelight_runtime::asset::mesh::Mesh;
-use prelight_runtime::asset::{Asset, AssetObject};
-use prelight_runtime::block_product::{Light, SimdPath, shade_moments};
+use prelight_runtime::asset::{Asset, AssetObject, AssetPatch};
 use prelight_runtime::draw::raster::Visibility;
 use prelight_runtime::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
 use prelight_runtime::environment::{Environment, LightCubemap};
 use prelight_runtime::light::BetweenPoints;
-use prelight_runtime::light::lune::BentLight;
-use prelight_runtime::surface::detail::is_bent;
 use prelight_runtime::vmf_transfer::pixel::{EyeLobes, PixelLobes};
-use rayon::prelude::*;
 
-/// What a camera sees of an asset, kept for all techniques and lights.
+/// What a camera sees of an asset, kept for all entrants and lights.
 pub struct PictureView {
     visibility: Visibility,
     eye: [f32; 3],
@@ -57,30 +54,23 @@ impl PictureView {
     pub fn draw(
         &self,
         asset: &Asset,
-        technique: Technique,
-        tables: &Tables,
+        entrant: &dyn Entrant,
         environment: &Environment,
         light: &LightCubemap,
         progress: &dyn Progress,
     ) -> Result<Frame, BakeError> {
-        let prepared = PreparedLight::new(technique, light);
-        let shade = |shader: &mut Shader, patch: &usize| -> Result<PatchLight, BakeError> {
-            check(progress)?;
-            let (patch, mut out) = (&asset.patches()[*patch], PatchLight::default());
-            let baked = BakedPatch::new(technique, tables, patch);
-            shader.shade(technique, &prepared, patch, &baked, self.eye, patch.points.len(), &mut out);
-            Ok(out)
-        };
-        let lights: Vec<PatchLight> =
-            self.patches.par_iter().map_init(|| Shader::new(light.face_resolution), shade).collect::<Result<_, BakeError>>()?;
-        let (n, filtered) = (asset.n_points(), prepared.filtered());
-        let lune = self.lune(asset, light, &lights);
+        let prepared = entrant.prepared(light);
+        let patches: Vec<&AssetPatch> = self.patches.iter().map(|patch| &asset.patches()[*patch]).collect();
+        let lights = prepared.shade(&patches, self.eye, progress)?;
+        let (n, pixel_light) = (asset.n_points(), prepared.pixel_light());
+        let shaded: Vec<(&AssetPatch, &PatchLight)> = patches.iter().copied().zip(&lights).collect();
+        let lune = lunes(asset, light, &shaded);
         let mut all = PatchLight { irradiance: vec![[[0.0; 3]; 3]; n], glossy: vec![[[0.0; 3]; 2]; n], lobes: Vec::new() };
-        if filtered.is_some() {
+        if pixel_light.is_some() {
             all.lobes.resize(n, EyeLobes::default());
         }
-        for (patch, light) in self.patches.iter().zip(lights) {
-            let range = asset.patches()[*patch].points.clone();
+        for (patch, light) in shaded {
+            let range = patch.points.clone();
             all.irradiance[range.clone()].copy_from_slice(&light.irradiance);
             all.glossy[range.clone()].copy_from_slice(&light.glossy);
             if !light.lobes.is_empty() {
@@ -88,7 +78,7 @@ impl PictureView {
             }
         }
         let pixel_lobes =
-            |object: &AssetObject| filtered.map(|light| PixelLobes { light, lobes: &all.lobes[object.points.clone()], highlights: &[] });
+            |object: &AssetObject| pixel_light.map(|light| PixelLobes { light, lobes: &all.lobes[object.points.clone()], highlights: &[] });
         let between: Vec<Option<PixelLobes>> = asset.objects().iter().map(pixel_lobes).collect();
         let objects: Vec<DrawObject> = (asset.objects().iter().enumerate())
             .map(|(i, object)| DrawObject {
@@ -106,27 +96,5 @@ impl PictureView {
         let (materials, tables) = (asset.materials(), asset.tables());
         let scene = DrawScene { objects: &objects, materials, textures: &textures, tables, background: &background, clay: false };
         Ok(draw_visible(&scene, &self.visibility)?)
-    }
-
-    /// What the pixels of normal maps need beside vector irradiance, from direct light: the same for every technique.
-    fn lune(&self, asset: &Asset, light: &LightCubemap, lights: &[PatchLight]) -> Vec<BentLight> {
-        let patches = || self.patches.iter().map(|patch| &asset.patches()[*patch]).zip(lights);
-        if !patches().any(|(patch, _)| is_bent(&patch.surfaces(), asset.materials())) {
-            return Vec::new();
-        }
-        let light = Light::prepare(light);
-        let mut lune = vec![BentLight::default(); asset.n_points()];
-        for (patch, shaded) in patches().filter(|(patch, _)| is_bent(&patch.surfaces(), asset.materials())) {
-            let (n, normal) = (patch.points.len(), patch.points().normal);
-            let (mut direct, mut second) = (vec![[[0.0; 3]; 3]; n], vec![[0.0; 6]; n]);
-            shade_moments(SimdPath::detect(), &light, &patch.visibility(), &mut direct, &mut second);
-            for at in 0..n {
-                // What a technique adds to direct light comes along the normal.
-                let added = std::array::from_fn(|c| (0..3).map(|k| (shaded.irradiance[at][c][k] - direct[at][c][k]) * normal[at][k]).sum());
-                BentLight::add_even(&mut second[at], added);
-                lune[patch.points.start + at] = BentLight::new(&shaded.irradiance[at], second[at], normal[at]);
-            }
-        }
-        lune
     }
 }

@@ -53,6 +53,8 @@ pub struct Plot {
     pub marks: Vec<Mark>,
     /// A line of (cost, error), and its name.
     pub line: Option<(String, Vec<(f64, f64)>)>,
+    /// Colours of the series.
+    pub palette: Palette,
 }
 
 const WIDTH: f64 = 640.0;
@@ -60,21 +62,37 @@ const HEIGHT: f64 = 400.0;
 /// Left, top, right, bottom.
 const MARGIN: [f64; 4] = [62.0, 64.0, 18.0, 48.0];
 /// Told apart by people who see few colours as well: they differ in lightness too.
-const COLOURS: [&str; 7] = ["#1f5fa8", "#d1603d", "#2f8f5b", "#8a4f9e", "#b58a1b", "#3a9fb0", "#5a5a5a"];
-/// Names whose colours do not hang on what else is in a chart.
-const KNOWN: [&str; 6] = ["block_product", "haar_triple", "sh_product", "vmf_transfer", "pixel_sums", "planner"];
-
-/// Number of a series among [`COLOURS`]: the same in every chart.
-fn style(series: &str, others: &[&str]) -> usize {
-    KNOWN.iter().position(|name| *name == series).unwrap_or_else(|| {
-        let unknown = others.iter().filter(|name| !KNOWN.contains(name));
-        KNOWN.len() + unknown.take_while(|name| **name != series).count()
-    })
+pub const COLOURS: [&str; 7] = ["#1f5fa8", "#d1603d", "#2f8f5b", "#8a4f9e", "#b58a1b", "#3a9fb0", "#5a5a5a"];
+/// Which colour and shape each series has: the same in every chart of a page, whatever else is in it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Palette {
+    /// Names and numbers among [`COLOURS`], which begin anew where they end.
+    series: Vec<(String, usize)>,
 }
 
-/// Colour of a series that [`Plot`] draws among others.
-pub fn colour(series: &str) -> &'static str {
-    COLOURS[style(series, &[]) % COLOURS.len()]
+impl Palette {
+    /// Series by name, with the number of their colour; those without get the first ones that are free, in this order.
+    pub fn new<'a>(series: impl IntoIterator<Item = (&'a str, Option<usize>)>) -> Self {
+        let wanted: Vec<(&str, Option<usize>)> = series.into_iter().collect();
+        let taken: Vec<usize> = wanted.iter().filter_map(|(_, number)| *number).collect();
+        let mut free = (0..).filter(|number| !taken.contains(number));
+        let mut number = |wanted: Option<usize>| wanted.or_else(|| free.next()).unwrap_or_default();
+        Palette { series: wanted.into_iter().map(|(name, wanted)| (name.to_string(), number(wanted))).collect() }
+    }
+
+    /// Number of a series; unknown ones have those after all that are known, in the order of `others`.
+    fn style(&self, series: &str, others: &[&str]) -> usize {
+        let known = |name: &str| self.series.iter().find(|(known, _)| known == name).map(|(_, number)| *number);
+        known(series).unwrap_or_else(|| {
+            let after = self.series.iter().map(|(_, number)| number + 1).max().unwrap_or(0);
+            after + others.iter().filter(|name| known(name).is_none()).take_while(|name| **name != series).count()
+        })
+    }
+
+    /// Colour of a series, for what stands beside a chart.
+    pub fn colour(&self, series: &str) -> &'static str {
+        COLOURS[self.style(series, &[]) % COLOURS.len()]
+    }
 }
 
 /// Ends of an axis, logarithms to base 10.
@@ -143,51 +161,66 @@ impl Plot {
         self.axes(&mut out, (&across, &x), (&up, &y));
         self.line(&mut out, &across, &up, &x, &y);
 
+        let at = |mark: &Mark| [x(mark.cost), y(mark.error)];
+        let series = series_of(&marks);
+        self.bands(&mut out, &marks, &series, &at);
+        self.marks(&mut out, &marks, &series, &at);
+        self.legend(&mut out, &series, marks.iter().any(|mark| mark.is_front));
+        out + "</svg>\n"
+    }
+
+    /// The Pareto front as a pale band, and a thin line through the budgets of each series.
+    fn bands(&self, out: &mut String, marks: &[&Mark], series: &[&str], at: &dyn Fn(&Mark) -> [f64; 2]) {
+        let point = |mark: &&Mark| {
+            let [x, y] = at(mark);
+            format!("{x:.1},{y:.1}")
+        };
+        let path = |marks: &[&Mark]| marks.iter().map(point).collect::<Vec<_>>().join(" ");
         let mut front: Vec<&Mark> = marks.iter().copied().filter(|mark| mark.is_front).collect();
         front.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        let path =
-            |marks: &[&Mark]| marks.iter().map(|mark| format!("{:.1},{:.1}", x(mark.cost), y(mark.error))).collect::<Vec<_>>().join(" ");
         let _ = writeln!(
             out,
             "<polyline points=\"{}\" fill=\"none\" stroke=\"#f2c94c\" stroke-opacity=\"0.45\" stroke-width=\"9\" stroke-linejoin=\"round\" \
              stroke-linecap=\"round\"/>",
             path(&front)
         );
-        let mut series: Vec<&str> = Vec::new();
-        marks.iter().for_each(|mark| {
-            if !series.contains(&mark.series.as_str()) {
-                series.push(&mark.series);
-            }
-        });
-        for name in &series {
+        for name in series {
             let mut own: Vec<&Mark> = marks.iter().copied().filter(|mark| mark.series == *name).collect();
             own.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(b.error.total_cmp(&a.error)));
-            let colour = COLOURS[style(name, &series) % COLOURS.len()];
+            let colour = COLOURS[self.palette.style(name, series) % COLOURS.len()];
             let _ = writeln!(out, "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-opacity=\"0.35\"/>", path(&own));
         }
-        let at = |mark: &Mark| (x(mark.cost), y(mark.error));
-        let mut taken: Vec<Box4> = marks.iter().map(|mark| at(mark)).map(|(x, y)| [x - 6.0, y - 6.0, x + 6.0, y + 6.0]).collect();
+    }
+
+    /// The marks, with labels where there is room.
+    fn marks(&self, out: &mut String, marks: &[&Mark], series: &[&str], at: &dyn Fn(&Mark) -> [f64; 2]) {
+        let inside = [MARGIN[0], MARGIN[1], WIDTH - MARGIN[2], HEIGHT - MARGIN[3]];
+        let mut taken: Vec<Box4> = marks.iter().map(|mark| at(mark)).map(|[x, y]| [x - 6.0, y - 6.0, x + 6.0, y + 6.0]).collect();
         for (i, mark) in marks.iter().enumerate() {
-            let ((cx, cy), kind) = (at(mark), style(&mark.series, &series));
+            let (centre, kind) = (at(mark), self.palette.style(&mark.series, series));
             let colour = COLOURS[kind % COLOURS.len()];
             let hover = if mark.hover.is_empty() { format!("{} {}", mark.series, mark.label) } else { mark.hover.join("\n") };
             let _ = write!(out, "<g class=\"mark\" data-row=\"{}\"><title>{}</title>", mark.row, escaped(&hover));
-            shape(&mut out, kind, [cx, cy], colour, mark.is_front);
+            shape(out, kind, centre, colour, mark.is_front);
             let width = 6.0 * mark.label.chars().count() as f64;
-            if let Some((place, [left, baseline])) = free_place([cx, cy], width, &taken, i, [MARGIN[0], MARGIN[1], right, bottom]) {
+            if let Some((place, [left, baseline])) = free_place(centre, width, &taken, i, inside) {
                 taken.push(place);
                 let _ = write!(out, "<text x=\"{left:.1}\" y=\"{baseline:.1}\" fill=\"{colour}\">{}</text>", escaped(&mark.label));
             }
-            out += "</g>\n";
+            *out += "</g>\n";
         }
+    }
+
+    /// Names of the series above the plot.
+    fn legend(&self, out: &mut String, series: &[&str], has_front: bool) {
         let mut left = MARGIN[0];
-        for name in &series {
-            let kind = style(name, &series);
-            shape(&mut out, kind, [left + 5.0, 44.0], COLOURS[kind % COLOURS.len()], true);
+        for name in series {
+            let kind = self.palette.style(name, series);
+            shape(out, kind, [left + 5.0, 44.0], COLOURS[kind % COLOURS.len()], true);
             let _ = writeln!(out, "<text x=\"{}\" y=\"48\" fill=\"#444444\">{}</text>", left + 14.0, escaped(&name.replace('_', " ")));
             left += 28.0 + 6.0 * name.chars().count() as f64;
         }
-        if !front.is_empty() {
+        if has_front {
             let _ = writeln!(
                 out,
                 "<path d=\"M{left:.0} 44h18\" stroke=\"#f2c94c\" stroke-opacity=\"0.6\" stroke-width=\"8\" stroke-linecap=\"round\"/>\
@@ -195,7 +228,6 @@ impl Plot {
                 left + 26.0
             );
         }
-        out + "</svg>\n"
     }
 
     fn axes(&self, out: &mut String, (across, x): (&Range, &dyn Fn(f64) -> f64), (up, y): (&Range, &dyn Fn(f64) -> f64)) {
@@ -276,6 +308,17 @@ impl Plot {
             }
         }
     }
+}
+
+/// Names of the series, in the order of their first marks.
+fn series_of<'a>(marks: &[&'a Mark]) -> Vec<&'a str> {
+    let mut series: Vec<&str> = Vec::new();
+    for mark in marks {
+        if !series.contains(&mark.series.as_str()) {
+            series.push(&mark.series);
+        }
+    }
+    series
 }
 
 /// The part of a segment inside the plot (Liang and Barsky).
@@ -413,6 +456,14 @@ mod tests {
         for (i, a) in labels.iter().enumerate() {
             assert!(labels[..i].iter().all(|b| (a.0 - b.0).abs() >= 30.0 || (a.1 - b.1).abs() >= 12.0), "{labels:?}");
         }
+    }
+
+    #[test]
+    fn a_series_keeps_its_colour_and_a_new_one_gets_a_free_one() {
+        let palette = Palette::new([("a", Some(0)), ("new", None), ("b", Some(2)), ("newer", None)]);
+        let numbers = ["a", "new", "b", "newer", "x", "y"].map(|name| palette.style(name, &["y", "a", "x"]));
+        assert_eq!(numbers, [0, 1, 2, 3, 5, 4], "those that nobody named come after all that were");
+        assert_eq!((palette.colour("a"), palette.colour("newer")), (COLOURS[0], COLOURS[3]));
     }
 
     #[test]

@@ -7,10 +7,6 @@ mod bake;
 mod batch;
 mod budgets;
 mod chart;
-mod chart_budgets;
-mod chart_cells;
-mod chart_ld09;
-mod chart_stability;
 mod check;
 mod completions;
 mod context;
@@ -83,7 +79,7 @@ enum Verb {
     Bake(bake::BakeArgs),
     Watch(watch::WatchArgs),
     Render(render::RenderArgs),
-    Chart(chart::ChartArgs),
+    Chart(chart::args::ChartArgs),
     Inspect(inspect::InspectArgs),
     Diff(diff::DiffArgs),
     Verify(verify::VerifyArgs),

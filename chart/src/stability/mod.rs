@@ -10,15 +10,20 @@
 //! | [`light`] | one texel that sweeps over borders, steps and scales of exposure, drift of incremental sums |
 //! | [`surfaces`] | thin sheets, coincident surfaces, order and names in files |
 //! | [`lobes`] | limits of half floats, lobes unlike each other, widths without end |
+//! | [`limit`] | bounds of figures |
 //! | [`page`] | the page |
 
 pub mod light;
+pub mod limit;
 pub mod lobes;
 pub mod page;
 pub mod scenes;
 pub mod surfaces;
 pub mod temporal;
 
+use crate::methods::FLICKER_LIMITS;
+pub use limit::Limit;
+use limit::{grown, limit};
 use prelight_bake::error::BakeError;
 use prelight_bake::progress::{Progress, check};
 use prelight_runtime::asset::Asset;
@@ -47,17 +52,6 @@ impl Sizes {
     pub const REDUCED: Sizes = Sizes { frames: 5, size: [64, 36], samples: 256, sweep: 48, drift: 2_000 };
     /// For the page: minutes.
     pub const FULL: Sizes = Sizes { frames: 200, size: [96, 54], samples: 256, sweep: 720, drift: 100_000 };
-}
-
-/// A figure of a mode and the most that it may be.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limit {
-    /// What it is.
-    pub name: &'static str,
-    /// Largest value that is allowed.
-    pub most: f64,
-    /// The same of [`Sizes::REDUCED`]: few frames meet fewer bad ones.
-    pub most_reduced: f64,
 }
 
 /// A way in which a method can fail.
@@ -131,7 +125,7 @@ pub struct Outcome {
 impl Outcome {
     /// Each figure with its limit, and whether it is kept: NaN is not.
     pub fn figures(&self) -> impl Iterator<Item = (Limit, f64, bool)> {
-        let limits = self.mode.limits.iter().map(|limit| limit.of(&self.sizes));
+        let limits = self.mode.limits.iter().map(|limit| limit.of(self.sizes == Sizes::REDUCED));
         limits.zip(&self.found.figures).map(|(limit, figure)| (limit, *figure, *figure <= limit.most))
     }
 
@@ -171,22 +165,6 @@ pub const MAPS: [(&str, f64); 5] = [
 pub fn run_map(bench: &Bench, name: &str, environment: &Environment) -> Result<(Found, Option<f64>), BakeError> {
     let found = temporal::pictures(bench, environment, crate::motion::Motion::Light, 0.25)?;
     Ok((found, MAPS.iter().find(|(known, _)| name.contains(known)).map(|(_, most)| *most)))
-}
-
-const fn limit(name: &'static str, most: f64) -> Limit {
-    grown(name, most, most)
-}
-
-/// Where the whole sequence meets worse frames than the reduced one.
-const fn grown(name: &'static str, most_reduced: f64, most: f64) -> Limit {
-    Limit { name, most, most_reduced }
-}
-
-impl Limit {
-    /// What holds for some sizes.
-    fn of(&self, sizes: &Sizes) -> Limit {
-        Limit { most: if *sizes == Sizes::REDUCED { self.most_reduced } else { self.most }, ..*self }
-    }
 }
 
 /// Figures of a sequence of pictures, reduced and whole.
@@ -229,14 +207,8 @@ pub const MODES: &[Mode] = &[
         name: "flicker of each technique",
         method: "all",
         says: "At points, against the sum over texels, while the light turns by 0.25° a frame: what drops coefficients flickers.",
-        limits: &[
-            limit("block_product 0.01, of 255", 0.01),
-            limit("block_product 0.1, of 255", 0.1),
-            limit("haar_triple 10 %, of 255", 0.5),
-            limit("haar_triple 1 %, of 255", 3.0),
-            grown("sh_product 25, of 255", 0.5, 20.0),
-        ],
-        run: temporal::techniques,
+        limits: FLICKER_LIMITS,
+        run: temporal::flicker_of_all,
     },
     Mode {
         name: "one bright texel over block and face borders",

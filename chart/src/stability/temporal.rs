@@ -11,17 +11,15 @@
 //! more with [`CLOSER`] times the samples, it and the one before, and that is its figure.
 
 use super::{Bench, Found, scenes};
-use crate::measure::sample;
-use crate::motion::{Motion, change, measure_moving, median, temporal};
-use crate::prepared::Tables;
-use crate::technique::Technique;
+use crate::measure::{median, sample};
+use crate::methods::flicker;
+use crate::motion::{Motion, change, measure_moving, temporal};
 use crate::thumbnail::{display, error_picture, steps, thumbnail};
 use crate::views::orbited;
 use prelight_bake::error::BakeError;
 use prelight_bake::progress::{Silent, Stage, check};
 use prelight_bake::reference::{ReferenceOptions, Strategy, render_reference};
 use prelight_bake::trace::{OccluderOptions, Occluders};
-use prelight_runtime::block_product::Accuracy;
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::tonemap::automatic_exposure;
@@ -168,19 +166,11 @@ pub(super) fn pictures(bench: &Bench, environment: &Environment, motion: Motion,
 }
 
 /// See [`super::MODES`].
-pub fn techniques(bench: &Bench) -> Result<Found, BakeError> {
-    const CHARTED: [Technique; 5] = [
-        Technique::block_product(1e-2, Accuracy::FINE.floor),
-        Technique::block_product(1e-1, Accuracy::FINE.floor),
-        Technique::HaarTriple { share: 0.1 },
-        Technique::HaarTriple { share: 0.01 },
-        Technique::ShProduct { bands: 5 },
-    ];
+pub fn flicker_of_all(bench: &Bench) -> Result<Found, BakeError> {
     let (_, asset) = bench.still_life()?;
-    let tables = Tables::new(64, &CHARTED);
     // As many points as pictures have frames' worth of time for.
     let sample = sample(asset, 64 + 4 * bench.sizes.frames);
-    let moved = measure_moving(asset, &sample, &CHARTED, &tables, Motion::Light, &day(), &camera()?, bench.progress)?;
+    let moved = measure_moving(asset, &sample, &flicker().entrants_of(asset), Motion::Light, &day(), &camera()?, bench.progress)?;
     let figures = moved.iter().map(|moved| moved.temporal.map_or(f64::NAN, |[p999, _]| p999)).collect();
     Ok(Found { figures, ..Found::default() })
 }

@@ -1,9 +1,10 @@
 //! `prelight chart --stability`: every known way in which a method fails, with its figures and bounds, as a page.
 
-use super::chart::{ChartArgs, machine};
-use super::opened::{read_environment_named, short_name};
-use super::output::write_atomically;
-use super::{Context, ExitCode, Failure, Summary};
+use super::args::ChartArgs;
+use super::machine::machine;
+use crate::opened::{read_environment_named, short_name};
+use crate::output::write_atomically;
+use crate::{Context, ExitCode, Failure, Summary};
 use prelight_chart::stability::page::{MapOutcome, page};
 use prelight_chart::stability::temporal::MOST_JUMP;
 use prelight_chart::stability::{Bench, Sizes, run_all, run_map};

@@ -1,8 +1,8 @@
 //! `prelight chart --budgets`: the planner beside one setting for all objects.
 
-use super::chart::ChartArgs;
-use super::loaded::Loaded;
-use super::{Context, Failure, Summary};
+use super::args::ChartArgs;
+use crate::loaded::Loaded;
+use crate::{Context, Failure, Summary};
 use prelight_bake::budget::knapsack::{Contest, candidates, contest};
 use prelight_bake::trace::{OccluderOptions, Occluders};
 use prelight_chart::page::{Section, contest_section};

@@ -12,8 +12,8 @@
 //! Surfaces are the paper's, on every point of the sample that faces the eye and sees anything: Lambert, and Phong of four exponents. A view takes
 //! the place of a frame of its fly-by.
 
-use super::clock::thread_nanoseconds;
-use super::views::ChartView;
+use crate::clock::thread_nanoseconds;
+use crate::views::ChartView;
 use prelight_bake::error::BakeError;
 use prelight_bake::progress::{Progress, Stage, check};
 use prelight_runtime::asset::Asset;

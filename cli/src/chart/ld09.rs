@@ -1,21 +1,21 @@
 //! `prelight chart --paper ld09`: its tables over all views of each light, pictures of the mesh and of the light, and, with `--uniform`, how
 //! many points a uniform mesh of equal error needs.
 
-use super::args::BakeKnobs;
-use super::bake::bake_loaded;
-use super::chart::ChartArgs;
-use super::chart_cells::ChartLight;
-use super::loaded::Loaded;
-use super::opened::{open_asset, short_name};
-use super::output::write_atomically;
-use super::render::Picture;
-use super::truth::{Truth, kept_or_traced};
-use super::{Context, ExitCode, Failure, Summary};
+use super::args::ChartArgs;
+use crate::args::BakeKnobs;
+use crate::bake::bake_loaded;
+use crate::loaded::Loaded;
+use crate::opened::{open_asset, short_name};
+use crate::output::write_atomically;
+use crate::render::Picture;
+use crate::truth::{Truth, kept_or_traced};
+use crate::{Context, ExitCode, Failure, Summary};
 use prelight_bake::progress::check;
 use prelight_bake::vmf_transfer::VmfTransfer;
-use prelight_chart::glossy::{GlossyRow, LobeSizes, glossy_text, level_svg, lobe_sizes, mesh_svg};
+use prelight_chart::cell::ChartLight;
+use prelight_chart::papers::ld09::{GlossyRow, LobeSizes, glossy_text, level_svg, lobe_sizes, mesh_svg};
+use prelight_chart::papers::uniform::{ERRORS, MeshError, equal_points, root_mean_square, uniform_plot, uniform_text};
 use prelight_chart::truth::KeptReference;
-use prelight_chart::uniform::{ERRORS, MeshError, equal_points, root_mean_square, uniform_plot, uniform_text};
 use prelight_chart::views::ChartView;
 use prelight_manifests::Digest;
 use prelight_manifests::version::ALGORITHM_VERSION;

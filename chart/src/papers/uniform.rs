@@ -10,7 +10,7 @@
 //! adaptive mesh has 10.5 % of the vertices of a uniform one of equal look; here looks are errors, of the whole picture and of its indirect light
 //! alone (picture less direct light, against paths less direct paths): the mesh is refined for the latter.
 
-use super::svg::{Mark, Plot, Unit};
+use crate::svg::{Mark, Palette, Plot, Unit};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -116,6 +116,7 @@ pub fn uniform_plot(adaptive: &MeshError, uniform: &[MeshError]) -> Plot {
         error_name: "relative L2 of indirect light".to_string(),
         marks: std::iter::once(mark("adaptive", adaptive)).chain(uniform.iter().map(|mesh| mark("uniform", mesh))).collect(),
         line: None,
+        palette: Palette::new([("adaptive", Some(6)), ("uniform", Some(7))]),
     }
 }
 
