@@ -31,6 +31,7 @@ mod clock;
 pub mod contestant;
 pub mod contestants;
 pub mod entrant;
+pub mod limit;
 pub mod look;
 pub mod measure;
 pub mod methods;

@@ -2,7 +2,7 @@
 
 use super::{BlockProduct, HaarTriple, ShProduct};
 use crate::contestants::Contestants;
-use crate::stability::limit::{Limit, grown, limit};
+use crate::limit::{Limit, grown, limit};
 use prelight_runtime::block_product::Accuracy;
 use std::sync::Arc;
 

@@ -14,16 +14,15 @@
 //! | [`page`] | the page |
 
 pub mod light;
-pub mod limit;
 pub mod lobes;
 pub mod page;
 pub mod scenes;
 pub mod surfaces;
 pub mod temporal;
 
+pub use crate::limit::Limit;
+use crate::limit::{grown, limit};
 use crate::methods::FLICKER_LIMITS;
-pub use limit::Limit;
-use limit::{grown, limit};
 use prelight_bake::error::BakeError;
 use prelight_bake::progress::{Progress, check};
 use prelight_runtime::asset::Asset;
