@@ -26,7 +26,6 @@ use prelight_runtime::asset::Asset;
 use prelight_runtime::block_product::SimdPath;
 use prelight_runtime::environment::LightCubemap;
 use prelight_scene::input::SceneInput;
-use prelight_store::Store;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -135,7 +134,7 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
         bake_file(&args.scene.scene, Some(asset_path.clone()), &args.knobs, &RebakeArgs::default(), context)?
     };
     let [bake_seconds, bake_cpu_seconds] = bake_seconds(&args.output, &baked, process_seconds() - before, was_empty, context)?;
-    let (asset, store) = (open_asset(&asset_path, context)?, Store::open(&store_folder)?);
+    let (asset, store) = (open_asset(&asset_path, context)?, context.store_options().open(&store_folder)?);
     let lights = lights(names, &asset, context)?;
     let (width, height) = args.size;
     let size = [width as usize, height as usize];

@@ -88,6 +88,9 @@ impl Failure {
             } else if !words.message.contains(&head) {
                 words.message = format!("{}: {head}", words.message);
             }
+            if is_over_budget(cause) {
+                words.help.push("raise --memory, or free some memory".to_string());
+            }
             if let Some(path) = missing_file(cause) {
                 words.help.push(super::suggest::missing(path));
             }
@@ -100,6 +103,19 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
         let error = error.into();
         Failure { code: code_of(&error), error }
+    }
+}
+
+/// Whether a chunk did not fit into the budget.
+fn is_over_budget(cause: &(dyn std::error::Error + 'static)) -> bool {
+    let of_store = |error: &StoreError| matches!(error, StoreError::Memory { .. });
+    let of_runtime = |error: &RuntimeError| matches!(error, RuntimeError::Store(error) if of_store(error));
+    match (cause.downcast_ref(), cause.downcast_ref(), cause.downcast_ref()) {
+        (Some(error), ..) => of_store(error),
+        (_, Some(error), _) => of_runtime(error),
+        (.., Some(BakeError::Store(error))) => of_store(error),
+        (.., Some(BakeError::Runtime(error))) => of_runtime(error),
+        _ => false,
     }
 }
 
