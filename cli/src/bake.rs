@@ -122,7 +122,7 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, star
     let in_part = loaded.settings.options.rebake.only.is_some();
     let asset = output.unwrap_or_else(|| default_asset(loaded, in_part));
     let folder = context.store.clone().unwrap_or_else(|| default_store(&asset));
-    let store = Store::open_or_create(&folder)?;
+    let store = context.store_options().create(true).open(&folder)?;
     check_writable(&asset)?;
     loaded.counts.save(&store)?;
     let (scene, world, settings) = (&loaded.scene, &loaded.world, &loaded.settings);

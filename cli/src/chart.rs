@@ -135,7 +135,7 @@ impl Baked {
             bake_file(&args.scene.scene, Some(asset_path.clone()), &args.knobs, &RebakeArgs::default(), context)?
         };
         let [seconds, cpu_seconds] = bake_seconds(&args.output, &summary, process_seconds() - before, was_empty, context)?;
-        let (asset, store) = (open_asset(&asset_path, context)?, Store::open(&store_folder)?);
+        let (asset, store) = (open_asset(&asset_path, context)?, context.store_options().open(&store_folder)?);
         Ok(Baked { asset, store, summary, seconds, cpu_seconds })
     }
 }

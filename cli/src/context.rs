@@ -5,7 +5,9 @@ use super::style::Color;
 use clap::Args;
 use prelight_bake::Progress;
 use prelight_manifests::ByteSize;
-use std::path::PathBuf;
+use prelight_store::budget::machine_memory;
+use prelight_store::{Budget, Mapping, MemorySource, StoreError, StoreOptions};
+use std::path::{Path, PathBuf};
 
 /// `--progress`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -43,7 +45,7 @@ pub struct GlobalArgs {
     /// Threads, default one per core
     #[arg(short, long, global = true, value_name = "N", env = "PRELIGHT_JOBS", hide_env_values = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Most memory to use, as 12GiB, default three quarters of the machine's
+    /// Most memory to use, as 12GiB, default a quarter of the machine's
     #[arg(long, global = true, value_name = "SIZE", env = "PRELIGHT_MEMORY", hide_env_values = true)]
     pub memory: Option<ByteSize>,
     /// Where baked chunks are kept, default `.prelight` beside the asset
@@ -60,11 +62,13 @@ pub struct Context<'a> {
     pub reporter: &'a Reporter,
     /// Threads of the global rayon pool.
     pub jobs: usize,
-    /// Bytes that the work may hold: `--memory`, else three quarters of the machine's. A manifest's `limits.memory` counts when
+    /// Bytes that the work may hold: `--memory`, else a quarter of the machine's. A manifest's `limits.memory` counts when
     /// `memory_given` is false.
     pub memory: ByteSize,
     /// Whether `--memory` was given.
     pub memory_given: bool,
+    /// The same bytes as a budget: what stores and packs decode is charged to it, and what decoders of images may take is what it has left.
+    pub budget: Budget,
     /// `--store`.
     pub store: Option<PathBuf>,
     /// `--dry-run`.
@@ -81,12 +85,29 @@ impl Context<'_> {
     pub fn memory_limit(&self, manifest: Option<ByteSize>) -> ByteSize {
         if self.memory_given { self.memory } else { manifest.unwrap_or(self.memory) }
     }
+
+    /// What is left of the budget.
+    pub fn memory_left(&self) -> ByteSize {
+        ByteSize(self.budget.limit().saturating_sub(self.budget.used()))
+    }
+
+    /// A store within the budget.
+    pub fn store_options(&self) -> StoreOptions {
+        StoreOptions::new().budget(self.budget.clone())
+    }
+
+    /// A pack within the budget. What it may decode also depends on its length, unless a person gave `--memory`.
+    pub fn open_pack(&self, file: &Path) -> Result<MemorySource, StoreError> {
+        match self.memory_given {
+            true => MemorySource::open_pack_within(file, Mapping::Auto, self.budget.clone()),
+            false => MemorySource::open_pack_sharing(file, Mapping::Auto, &self.budget),
+        }
+    }
 }
 
-/// Three quarters of physical memory; 4 GiB where the system does not say.
+/// A quarter of the memory that this process may use; 4 GiB where the system does not say.
 pub fn default_memory() -> ByteSize {
-    let physical = proc_kib("/proc/meminfo", "MemTotal:");
-    ByteSize(physical.map_or(4 << 30, |kib| kib.saturating_mul(1024) / 4 * 3))
+    ByteSize(machine_memory().map_or(4 << 30, |bytes| bytes / 4))
 }
 
 /// The most memory that this process ever held, where the system says.

@@ -8,7 +8,6 @@ use prelight_manifests::{AssetManifest, ByteSize, ChunkKind, Descriptor, Digest}
 use prelight_runtime::asset::open_file::is_pack;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{self, Metrics};
-use prelight_store::MemorySource;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -33,7 +32,7 @@ pub struct DiffArgs {
 /// Runs the verb.
 pub fn run(args: DiffArgs, context: &Context) -> Result<Summary, Failure> {
     let paths = [&args.test, &args.reference];
-    let files = [read_or_unpack(paths[0], context.memory)?, read_or_unpack(paths[1], context.memory)?];
+    let files = [read_or_unpack(paths[0], context)?, read_or_unpack(paths[1], context)?];
     match files.each_ref().map(|bytes| is_asset(bytes)) {
         [true, true] => {
             if args.fail_above.is_some() {
@@ -65,10 +64,10 @@ pub fn run(args: DiffArgs, context: &Context) -> Result<Summary, Failure> {
 }
 
 /// The file, or the manifest in it when it is a packed asset.
-fn read_or_unpack(path: &Path, limit: ByteSize) -> Result<Vec<u8>, Failure> {
+fn read_or_unpack(path: &Path, context: &Context) -> Result<Vec<u8>, Failure> {
     match is_pack(path) {
-        Ok(true) => Ok(MemorySource::open_pack(path)?.manifest()?.to_vec()),
-        _ => Ok(read(path, limit)?),
+        Ok(true) => Ok(context.open_pack(path)?.manifest()?.to_vec()),
+        _ => Ok(read(path, context.memory)?),
     }
 }
 

@@ -106,13 +106,21 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
     }
 }
 
-/// The option of this command that gives what the runtime lacks: its errors know no command line.
+/// The option of this command that gives what a library lacks: errors of libraries know no command line.
 fn option_that_helps(cause: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
-    let runtime = match (cause.downcast_ref::<RuntimeError>(), cause.downcast_ref::<BakeError>()) {
-        (Some(error), _) | (None, Some(BakeError::Runtime(error))) => error,
-        _ => return None,
+    let of_store = |error: &StoreError| matches!(error, StoreError::Memory { .. }).then_some("raise --memory, or free some memory");
+    let of_runtime = |error: &RuntimeError| match error {
+        RuntimeError::Store(error) => of_store(error),
+        RuntimeError::Memory { .. } => Some("raise --memory or make it smaller"),
+        _ => None,
     };
-    matches!(runtime, RuntimeError::Memory { .. }).then_some("raise --memory or make it smaller")
+    match (cause.downcast_ref(), cause.downcast_ref(), cause.downcast_ref()) {
+        (Some(error), ..) => of_store(error),
+        (_, Some(error), _) => of_runtime(error),
+        (.., Some(BakeError::Store(error))) => of_store(error),
+        (.., Some(BakeError::Runtime(error))) => of_runtime(error),
+        _ => None,
+    }
 }
 
 /// The file that is not there, of an error that says so.

@@ -90,7 +90,10 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
         *by_kind.entry(descriptor.kind.to_string()).or_default() += descriptor.bytes;
     }
     let glob = match &args.object {
-        Some(pattern) => Some(globset::Glob::new(pattern)?.compile_matcher()),
+        Some(pattern) => {
+            prelight_scene::overrides::check_pattern("--object", pattern)?;
+            Some(globset::Glob::new(pattern)?.compile_matcher())
+        }
         None => None,
     };
     let chosen = |name: &str| {

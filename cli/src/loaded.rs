@@ -9,7 +9,6 @@ use prelight_bake::settings::Settings;
 use prelight_scene::Scene;
 use prelight_scene::input::SceneInput;
 use prelight_scene::world::World;
-use prelight_store::Store;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -55,7 +54,7 @@ impl Loaded {
         let stage = Stage::begin(context.progress(), "measure", None, "points");
         let scene = loaded.scene;
         let world = World::build(&scene);
-        let known = Store::open(store_folder(context, output)).ok();
+        let known = context.store_options().open(store_folder(context, output)).ok();
         // A store that is not there, or cannot be read: then it is counted. Whoever needs it says what is wrong with it.
         let counts = Counts::new(&scene, known.as_ref()).or_else(|_| Counts::new(&scene, None))?;
         drop(known);

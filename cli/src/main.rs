@@ -13,6 +13,7 @@ mod context;
 mod demo;
 mod diff;
 mod doctor;
+mod escape;
 mod exit;
 mod gc;
 mod init;
@@ -31,6 +32,7 @@ mod render;
 mod repair;
 mod reporter;
 mod schema;
+mod shipped;
 mod stats;
 mod style;
 mod suggest;
@@ -46,8 +48,10 @@ pub use summary::Summary;
 
 use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use context::{GlobalArgs, ProgressLook};
-use output::{Stdout, talk};
+use escape::shown;
+use output::{Stdout, talk, talk_marked};
 use prelight_manifests::version;
+use prelight_store::Budget;
 use reporter::{Look, Reporter};
 use std::ffi::OsString;
 use std::io::IsTerminal;
@@ -173,7 +177,7 @@ fn run(arguments: &[OsString]) -> ExitCode {
             summary.exit_code
         }
         Ok(summary) => {
-            stdout.write(&summary.to_text());
+            stdout.write(&shown(&summary.to_text()));
             summary.exit_code
         }
         Err(failure) => {
@@ -202,10 +206,12 @@ fn run_verb(verb: Verb, global: &GlobalArgs, reporter: &Reporter) -> Result<Summ
     };
     // Building the pool a second time cannot happen: this runs once per process.
     rayon::ThreadPoolBuilder::new().num_threads(jobs).build_global().map_err(anyhow::Error::new)?;
+    let memory = global.memory.unwrap_or_else(context::default_memory);
     let context = Context {
         reporter,
         jobs,
-        memory: global.memory.unwrap_or_else(context::default_memory),
+        memory,
+        budget: Budget::new(memory.0),
         memory_given: global.memory.is_some(),
         store: global.store.clone(),
         dry_run: global.dry_run,
@@ -230,12 +236,12 @@ fn account(reporter: &Reporter) {
 
 /// `error: …`, then where, then what to do, on stderr.
 fn complain(words: &Words) {
-    talk(&format!("{} {}", style::error(), words.message));
+    talk_marked(&style::error(), &words.message);
     for place in &words.places {
         talk(&format!("  --> {place}"));
     }
     for line in &words.help {
-        talk(&format!("  {} {line}", style::help()));
+        talk_marked(&format!("  {}", style::help()), line);
     }
 }
 

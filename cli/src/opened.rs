@@ -2,6 +2,7 @@
 
 use super::args::ViewArgs;
 use super::read::{parse_asset, read, read_environment};
+use super::shipped::{keep_own_images, without_files};
 use super::{Context, ExitCode, Failure};
 use prelight_manifests::AssetManifest;
 use prelight_runtime::asset::Asset;
@@ -22,9 +23,15 @@ const DEFAULT_FOV: f32 = 45.0;
 /// Opens an asset, packed or not: `--store` wins over the store that a manifest names, which is relative to the manifest's folder.
 pub fn open_asset(file: &Path, context: &Context) -> Result<Arc<Asset>, Failure> {
     let opened = match is_pack(file) {
-        Ok(true) => Asset::open_file(file, None),
+        Ok(true) => {
+            let source = context.open_pack(file)?;
+            let mut manifest = parse_asset(file, &source.manifest()?)?;
+            manifest.report = without_files(&manifest.report);
+            Asset::open(manifest, &source)
+        }
         _ => {
-            let (manifest, store) = open_manifest(file, context)?;
+            let (mut manifest, store, bytes) = open_manifest_with_bytes(file, context)?;
+            keep_own_images(file, &bytes, &mut manifest, &store);
             Asset::open(manifest, &store)
         }
     };
@@ -40,29 +47,43 @@ pub fn open_asset(file: &Path, context: &Context) -> Result<Arc<Asset>, Failure>
 
 /// A manifest and its store.
 pub fn open_manifest(file: &Path, context: &Context) -> Result<(AssetManifest, Store), Failure> {
-    let manifest = parse_asset(file, &read(file, context.memory)?)?;
-    let store = Store::open(context.store.clone().unwrap_or_else(|| store_of(file, &manifest)))?;
-    Ok((manifest, store))
+    open_manifest_with_bytes(file, context).map(|(manifest, store, _)| (manifest, store))
 }
 
-/// The environment of that name in the asset, else the file; turned by `rotate` degrees more.
+fn open_manifest_with_bytes(file: &Path, context: &Context) -> Result<(AssetManifest, Store, Vec<u8>), Failure> {
+    let bytes = read(file, context.memory)?;
+    let manifest = parse_asset(file, &bytes)?;
+    let store = context.store_options().open(context.store.clone().unwrap_or_else(|| store_of(file, &manifest)))?;
+    Ok((manifest, store, bytes))
+}
+
+/// The file of that name, else the asset's environment of that name, if the asset may choose files ([`super::shipped`]); turned by
+/// `rotate` degrees more.
 pub fn open_environment(asset: &Asset, name: &str, rotate: f32, context: &Context) -> Result<Environment, Failure> {
     let known = asset.manifest().report.get("environments").and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default();
-    let entry = known.iter().find(|entry| entry["name"] == name);
+    let entry = known.iter().find(|entry| entry["name"] == name).filter(|_| !Path::new(name).is_file());
     let (path, turned, intensity) = match entry {
-        Some(entry) => (
-            PathBuf::from(entry["image"].as_str().unwrap_or_default()),
-            entry["rotate_y_deg"].as_f64().unwrap_or(0.0),
-            entry["intensity"].as_f64().unwrap_or(1.0),
-        ),
+        Some(entry) => match entry["image"].as_str().map(PathBuf::from).filter(|image| image.is_file()) {
+            Some(image) => (image, entry["rotate_y_deg"].as_f64().unwrap_or(0.0), entry["intensity"].as_f64().unwrap_or(1.0)),
+            None => return Err(not_shipped(name)),
+        },
         None => (PathBuf::from(name), 0.0, 1.0),
     };
     if entry.is_none() && !path.exists() {
         return Err(no_environment(name, known.iter().filter_map(|entry| entry["name"].as_str())));
     }
-    let (environment, warnings) = read_environment(&path, context.memory)?;
+    let (environment, warnings) = read_environment(&path, context.memory_left())?;
     warnings.iter().for_each(|warning| context.progress().warning(warning));
     Ok(environment.with_rotation(turned + f64::from(rotate)).with_intensity(intensity as f32))
+}
+
+/// An environment that the asset names, without a file that may be opened for it.
+fn not_shipped(name: &str) -> Failure {
+    let text = format!(
+        "the asset names an environment {name}, but its image is not beside it\n  help: give the image itself, as a file; only an asset that was \
+         baked here may name files elsewhere"
+    );
+    Failure::text(ExitCode::Input, text)
 }
 
 /// What an environment is called in tables: a file by its stem.
@@ -83,7 +104,7 @@ pub fn read_environment_named(name: &str, context: &Context) -> Result<Environme
     if !PathBuf::from(name).exists() {
         return Err(no_environment(name, std::iter::empty()));
     }
-    let (environment, warnings) = read_environment(&PathBuf::from(name), context.memory)?;
+    let (environment, warnings) = read_environment(&PathBuf::from(name), context.memory_left())?;
     warnings.iter().for_each(|warning| context.progress().warning(warning));
     Ok(environment)
 }

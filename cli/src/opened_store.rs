@@ -14,7 +14,7 @@ pub fn store_folder(context: &Context) -> PathBuf {
 
 /// Opens it; what is wrong with its files is said as warnings.
 pub fn open_store(context: &Context) -> Result<Store, Failure> {
-    let store = Store::open(store_folder(context))?;
+    let store = context.store_options().open(store_folder(context))?;
     store.problems().iter().for_each(|problem| context.progress().warning(problem));
     Ok(store)
 }

@@ -3,7 +3,10 @@
 //! A reader that goes away (`prelight schema | head -1`) is no error: what follows is dropped and the work goes on. A disk that is full
 //! is one; it is remembered and decides the exit code when the verb itself did well.
 
+use super::escape::shown;
 use prelight_bake::BakeError;
+use std::fs::{File, OpenOptions};
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -39,18 +42,28 @@ impl Stdout {
     }
 }
 
-/// One line on stderr. A closed or full stderr is nobody's to mend, so it is ignored.
+/// One line on stderr, control characters shown. A closed or full stderr is nobody's to mend, so it is ignored.
 pub fn talk(line: &str) {
+    talk_raw(&shown(line));
+}
+
+/// As [`talk`], behind a word of ours that may be coloured.
+pub fn talk_marked(mark: &str, line: &str) {
+    talk_raw(&format!("{mark} {}", shown(line)));
+}
+
+/// A line for programs, as it is.
+pub fn talk_raw(line: &str) {
     let _ = writeln!(io::stderr().lock(), "{line}");
 }
 
 /// Writes a file so that `path` holds the old or the new content, never a part: a temporary file in the same folder, synced, renamed.
 ///
-/// The folders above `path` must exist. On failure the temporary file is removed.
+/// The folders above `path` must exist. On failure the temporary file, which nobody else made, is removed.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), BakeError> {
-    let temporary = temporary_name(path).map_err(|source| BakeError::output(path, source))?;
+    let (temporary, file) = create_temporary(path).map_err(|source| BakeError::output(path, source))?;
     let result = (|| {
-        let mut file = BufWriter::new(std::fs::OpenOptions::new().write(true).create_new(true).open(&temporary)?);
+        let mut file = BufWriter::new(file);
         write(&mut file)?;
         let file = file.into_inner().map_err(|error| error.into_error())?;
         file.sync_all()?;
@@ -68,7 +81,24 @@ pub fn check_writable(path: &Path) -> Result<(), BakeError> {
     temporary_name(path).and_then(|_| std::fs::metadata(folder)).map(drop).map_err(|source| BakeError::output(path, source))
 }
 
-/// `.NAME.PID.tmp` beside `path`, so that a rename never crosses file systems.
+/// Names that are tried before something must be wrong with the folder.
+const TRIES: usize = 16;
+
+/// A new file beside `path`, under a name that nothing had.
+fn create_temporary(path: &Path) -> io::Result<(PathBuf, File)> {
+    let mut taken = io::Error::from(ErrorKind::AlreadyExists);
+    for _ in 0..TRIES {
+        let name = temporary_name(path)?;
+        match OpenOptions::new().write(true).create_new(true).open(&name) {
+            Ok(file) => return Ok((name, file)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => taken = error,
+            Err(error) => return Err(error),
+        }
+    }
+    Err(taken)
+}
+
+/// `.NAME.RANDOM.tmp` beside `path`, so that a rename never crosses file systems. Not by process: in containers two have one number.
 fn temporary_name(path: &Path) -> io::Result<PathBuf> {
     let name = path.file_name().ok_or_else(|| io::Error::new(ErrorKind::InvalidInput, "this names a folder, not a file"))?;
     if path.is_dir() {
@@ -76,7 +106,7 @@ fn temporary_name(path: &Path) -> io::Result<PathBuf> {
     }
     let mut hidden = std::ffi::OsString::from(".");
     hidden.push(name);
-    hidden.push(format!(".{}.tmp", std::process::id()));
+    hidden.push(format!(".{:016x}.tmp", RandomState::new().build_hasher().finish()));
     Ok(path.with_file_name(hidden))
 }
 
@@ -99,6 +129,23 @@ mod tests {
         write_atomically(&path, |out| out.write_all(b"new")).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "temporary files must be gone");
+    }
+
+    #[test]
+    fn temporary_names_are_never_the_same_and_writers_of_one_file_do_not_meet() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("out.json");
+        let names: std::collections::BTreeSet<PathBuf> = (0..1000).map(|_| temporary_name(&path).unwrap()).collect();
+        assert_eq!(names.len(), 1000);
+        // One that is in the middle of it, and another that fails meanwhile and takes only its own file away.
+        write_atomically(&path, |out| {
+            let failed = write_atomically(&path, |_| Err(io::Error::from(ErrorKind::StorageFull)));
+            assert!(failed.is_err());
+            assert_eq!(std::fs::read_dir(folder.path())?.count(), 1, "the outer one's file stays");
+            out.write_all(b"whole")
+        })
+        .unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"whole");
     }
 
     #[test]

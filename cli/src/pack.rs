@@ -2,6 +2,7 @@
 
 use super::opened::open_manifest;
 use super::output::talk;
+use super::shipped::without_paths;
 use super::{Context, Failure, Summary};
 use clap::Args;
 use prelight_bake::progress::{Stage, check};
@@ -22,11 +23,17 @@ pub struct PackArgs {
     /// Compress everything: a smaller file, decoded into memory when it is opened
     #[arg(long)]
     pub compress: bool,
+    /// Ship the report as it is, with paths of this machine
+    #[arg(long)]
+    pub keep_paths: bool,
 }
 
 /// Runs the verb.
 pub fn run(args: PackArgs, context: &Context) -> Result<Summary, Failure> {
-    let (manifest, store) = open_manifest(&args.asset, context)?;
+    let (mut manifest, store) = open_manifest(&args.asset, context)?;
+    if !args.keep_paths {
+        manifest.report = without_paths(&manifest.report);
+    }
     let output = args.output.unwrap_or_else(|| default_output(&args.asset));
     let descriptors: Vec<_> = {
         let mut seen = HashSet::new();

@@ -9,7 +9,7 @@ use prelight_bake::cost::estimate::{Estimate, estimate};
 use prelight_bake::reach::changes::Reason;
 use prelight_bake::reuse::stale::{Stale, find_stale};
 use prelight_manifests::ByteSize;
-use prelight_store::{Store, StoreError};
+use prelight_store::StoreError;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -80,7 +80,7 @@ pub fn run(args: PlanArgs, context: &Context) -> Result<Summary, Failure> {
 fn rebake(args: &PlanArgs, loaded: &Loaded, context: &Context) -> Result<(Option<Stale>, Vec<Reason>), Failure> {
     let asset = args.output.clone().unwrap_or_else(|| default_asset(loaded, args.only.is_some()));
     let folder = context.store.clone().unwrap_or_else(|| default_store(args.since.as_ref().unwrap_or(&asset)));
-    let store = match Store::open(&folder) {
+    let store = match context.store_options().open(&folder) {
         Ok(store) => store,
         Err(StoreError::NotFound { .. }) if args.since.is_none() => return Ok((None, Vec::new())),
         Err(error) => return Err(error.into()),

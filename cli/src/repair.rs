@@ -47,7 +47,7 @@ pub fn run(args: RepairArgs, context: &Context) -> Result<Summary, Failure> {
         return Ok(summary);
     }
     let aside = store.set_aside(&report.findings)?;
-    let store = Store::open(store.dir())?;
+    let store = context.store_options().open(store.dir())?;
     let put_back = store.put_back(&args.from)?;
     let mut assets = Vec::new();
     for root in store.roots()? {

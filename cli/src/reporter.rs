@@ -3,8 +3,9 @@
 //! The work only counts (one atomic add per step). A thread of its own looks at the count and draws, so a stage that hangs still shows
 //! that it does, and drawing never slows the work.
 
+use super::escape::shown;
 use super::interrupt;
-use super::output::{Stdout, talk};
+use super::output::{Stdout, talk, talk_marked, talk_raw};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use prelight_bake::Progress;
 use prelight_manifests::version::EVENT_VERSION;
@@ -151,14 +152,14 @@ impl Reporter {
     pub fn result(&self, line: &str) {
         if !self.shared.json {
             self.shared.end();
-            self.shared.stdout.line(line);
+            self.shared.stdout.line(&shown(line));
         }
     }
 
     /// What to do about the warning before it; programs find it in the summary.
     pub fn help(&self, text: &str) {
         if !self.shared.json && !self.shared.quiet {
-            self.shared.say(&format!("  {} {text}", super::style::help()));
+            self.shared.say(&format!("  {}", super::style::help()), text);
         }
     }
 
@@ -263,17 +264,18 @@ impl Shared {
             event["scenes"] = scope.of.into();
         }
         match self.look {
-            Look::Events { to_stdout: false } => talk(&event.to_string()),
+            Look::Events { to_stdout: false } => talk_raw(&event.to_string()),
             _ => self.stdout.line(&event.to_string()),
         }
     }
 
-    /// A line for people on stderr, above the bar if there is one.
-    fn say(&self, line: &str) {
+    /// A line for people on stderr, above the bar if there is one, behind a mark if that is not empty.
+    fn say(&self, mark: &str, line: &str) {
+        let say = || if mark.is_empty() { talk(line) } else { talk_marked(mark, line) };
         let stage = lock(&self.stage);
         match stage.as_ref().and_then(|running| running.bar.as_ref()) {
-            Some(bar) => bar.suspend(|| talk(line)),
-            None => talk(line),
+            Some(bar) => bar.suspend(say),
+            None => say(),
         }
     }
 }
@@ -352,7 +354,7 @@ impl Progress for Reporter {
         if self.shared.json {
             self.shared.event(json!({ "event": "message", "text": text }));
         } else if !self.shared.quiet {
-            self.shared.say(text);
+            self.shared.say("", text);
         }
     }
 
@@ -360,7 +362,7 @@ impl Progress for Reporter {
         if self.shared.json {
             self.shared.event(json!({ "event": "warning", "text": text }));
         } else if !self.shared.quiet {
-            self.shared.say(&format!("{} {text}", super::style::warning()));
+            self.shared.say(&super::style::warning(), text);
         }
     }
 

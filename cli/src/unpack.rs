@@ -26,7 +26,7 @@ pub struct UnpackArgs {
 
 /// Runs the verb.
 pub fn run(args: UnpackArgs, context: &Context) -> Result<Summary, Failure> {
-    let source = MemorySource::open_pack(&args.file)?;
+    let source = context.open_pack(&args.file)?;
     let name = args.file.display().to_string();
     let mut manifest = super::read::parse_asset(&args.file, &source.manifest()?)?;
     let output = args.output.unwrap_or_else(|| default_output(&args.file));
@@ -41,9 +41,10 @@ pub fn run(args: UnpackArgs, context: &Context) -> Result<Summary, Failure> {
     }
     // What is taken into the store must be what the manifest promises.
     prelight_runtime::asset::Asset::open(manifest.clone(), &source)?;
-    let store = Store::open_or_create(&folder)?;
+    let store = context.store_options().create(true).open(&folder)?;
     check_writable(&output)?;
     let (chunks, bytes) = put_chunks(&manifest, &source, &store, context)?;
+    manifest.report = super::shipped::without_paths(&manifest.report);
     manifest.report.insert("store".to_string(), store_name(&output, &folder).into());
     manifest.report.insert("unpacked_from".to_string(), name.into());
     store.seal(manifest.asset_digest, manifest.to_text().as_bytes())?;

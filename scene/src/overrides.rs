@@ -40,8 +40,36 @@ pub struct ObjectKnobs {
     pub knobs: Knobs,
 }
 
+/// Bytes of a pattern. Longer than any list of names that a person writes.
+const MAX_PATTERN: usize = 4096;
+
+/// Braces in braces in a pattern. The compiler of patterns goes down once for each.
+const MAX_NESTING: usize = 16;
+
+/// Refuses a pattern that nobody writes by hand, before it is compiled; `field` names it in errors.
+pub fn check_pattern(field: &str, pattern: &str) -> Result<(), SceneError> {
+    let refused = |what: String| SceneError::Refused { what, help: "use several rules with shorter patterns".to_string() };
+    if pattern.len() > MAX_PATTERN {
+        return Err(refused(format!("{field} is a pattern of {} bytes, at most {MAX_PATTERN} are read", pattern.len())));
+    }
+    let (mut depth, mut deepest) = (0usize, 0);
+    for c in pattern.chars() {
+        match c {
+            '{' => depth += 1,
+            '}' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        deepest = deepest.max(depth);
+    }
+    if deepest > MAX_NESTING {
+        return Err(refused(format!("{field} is a pattern with braces {deepest} deep, at most {MAX_NESTING} are read")));
+    }
+    Ok(())
+}
+
 /// `in_paths`: `/` separates steps, which `*` does not cross.
 fn matcher(field: &str, pattern: &str, in_paths: bool) -> Result<GlobMatcher, SceneError> {
+    check_pattern(field, pattern)?;
     let glob = GlobBuilder::new(pattern).literal_separator(in_paths).build();
     glob.map(|glob| glob.compile_matcher()).map_err(|error| SceneError::Refused {
         what: format!("{field} = \"{pattern}\" is not a glob: {}", error.kind()),
@@ -332,6 +360,22 @@ mod tests {
         let rules = rules.replace("max_error", "visibility = \"gray2\"\nmax_error");
         let knobs = object_knobs(&manifest(&rules), &scene(&[], &["Sofa", "Lamp"]).objects).unwrap().0;
         assert_eq!([0, 1].map(|object| knobs[object].visibility), [Some(Shades::Gray6), Some(Shades::Gray2)]);
+    }
+
+    #[test]
+    fn a_pattern_that_nobody_writes_is_refused_before_it_is_compiled() {
+        let knobs = |pattern: &str| object_knobs(&manifest(&format!("[[object]]\nmatch = \"{pattern}\"")), &[]);
+        let nested = |depth: usize| format!("{}a{}", "{".repeat(depth), "}".repeat(depth));
+        assert!(knobs(&nested(MAX_NESTING)).is_ok() && knobs(&"a".repeat(MAX_PATTERN)).is_ok());
+        for (pattern, what) in [
+            ("{".repeat(50_000), "50000 bytes"),
+            ("{".repeat(4000), "4000 deep"),
+            (nested(17), "17 deep"),
+            ("*".repeat(5000), "5000 bytes"),
+        ] {
+            let error = knobs(&pattern).unwrap_err().to_string();
+            assert!(error.contains("object[0].match") && error.contains(what) && error.contains("help: ") && error.len() < 300, "{error}");
+        }
     }
 
     #[test]

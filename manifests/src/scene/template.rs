@@ -92,7 +92,7 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 # visibility = "gray6"       # shades of its own
 
 [limits]
-# memory = "12GiB"           # --memory wins; default three quarters of the machine's
+# memory = "12GiB"           # --memory wins; default a quarter of the machine's
 "#
         )
     }
