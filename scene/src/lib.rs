@@ -22,8 +22,12 @@ mod hostile;
 mod hostile_extensions;
 pub mod input;
 mod instance;
+mod integers;
+mod jpeg;
 #[cfg(test)]
 mod legal;
+#[cfg(test)]
+mod lenient;
 mod lobes;
 mod material;
 #[cfg(test)]
