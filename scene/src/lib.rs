@@ -8,6 +8,7 @@ mod assemble;
 pub mod chunks;
 mod document;
 mod draco;
+mod enclosure;
 mod error;
 pub mod export;
 mod extension;
