@@ -4,7 +4,7 @@ use super::args::{BakeKnobs, SceneArgs, duration};
 use super::context::peak_memory;
 use super::loaded::Loaded;
 use super::output::{check_writable, write_atomically};
-use super::{Context, ExitCode, Failure, Summary, budgets, reasons};
+use super::{Context, ExitCode, Failure, Summary, budgets, reasons, replaced};
 use clap::Args;
 use prelight_bake::bake::{Baked, OnPreview, bake_with_previews};
 use prelight_bake::options::Paranoid;
@@ -120,7 +120,16 @@ pub fn bake_file(
 pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, start: Instant, context: &Context) -> Result<Summary, Failure> {
     let read_seconds = start.elapsed().as_secs_f64();
     let in_part = loaded.settings.options.rebake.only.is_some();
+    let named = output.is_some();
     let asset = output.unwrap_or_else(|| default_asset(loaded, in_part));
+    if let Some(other) = replaced::other_scene(&asset, &loaded.input.file) {
+        let text = format!("{} is the asset of another scene, {}", asset.display(), other.display());
+        if !named {
+            let help = format!("name an asset for this one: -o OTHER.prelight.json, or `-o {}` to replace that one", asset.display());
+            return Err(Failure::text(ExitCode::Input, format!("{text}\n  help: {help}")));
+        }
+        context.progress().warning(&format!("{text}: it is replaced"));
+    }
     let folder = context.store.clone().unwrap_or_else(|| default_store(&asset));
     let store = context.store_options().create(true).open(&folder)?;
     check_writable(&asset)?;

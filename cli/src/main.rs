@@ -30,6 +30,7 @@ mod read;
 mod reasons;
 mod render;
 mod repair;
+mod replaced;
 mod reporter;
 mod schema;
 mod shipped;

@@ -7,11 +7,10 @@
 
 use super::error::{Budget, SceneError, Source};
 use super::warnings::{Warnings, quote};
-use super::{draco, extension, glb, variant};
+use super::{extension, glb, integers, variant};
 use gltf::json::validation::{Error, Validate};
 use gltf::json::{Path, Root};
 use serde_json::{Value, json};
-use std::collections::HashSet;
 use std::ops::Range;
 
 /// A checked file.
@@ -86,6 +85,7 @@ pub(crate) fn parse(
         return Err(source.syntax("the JSON part", "not a JSON object", "is this a glTF file?"));
     }
     version(source, &value)?;
+    integers::mend(&mut value, warnings);
     extension::check(source, &value, warnings)?;
     narrow(source, &value)?;
     for scene in value.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten().filter_map(Value::as_object_mut) {
@@ -100,7 +100,7 @@ pub(crate) fn parse(
     if let Some(chosen) = variant {
         variant::apply(source, &mut root, &variants, chosen)?;
     }
-    validate(source, &root)?;
+    validate(source, &root, warnings)?;
     Ok(Document { root, extras, binary })
 }
 
@@ -233,7 +233,27 @@ fn typed(source: Source, mut value: Value) -> Result<Root, SceneError> {
     })
 }
 
-fn validate(source: Source, root: &Root) -> Result<(), SceneError> {
+/// What validation finds and a reader may pass over.
+enum Forgiven {
+    /// Legal, whatever the typed crate says.
+    Silently,
+    /// Against the letter; viewers open it.
+    With(&'static str),
+}
+
+/// Legal are accessors without bytes, which are zeros, and primitives without positions, which are not drawn. Bounds are not needed.
+fn forgiven(path: &str, error: &Error) -> Option<Forgiven> {
+    if *error != Error::Missing {
+        return None;
+    }
+    if path.starts_with("accessors[") && path.ends_with("].bufferView") || path.ends_with("[\"POSITION\"]") {
+        return Some(Forgiven::Silently);
+    }
+    let bounds = path.starts_with("meshes[") && (path.ends_with(".min") || path.ends_with(".max"));
+    bounds.then_some(Forgiven::With("positions without min or max are measured"))
+}
+
+fn validate(source: Source, root: &Root, warnings: &mut Warnings) -> Result<(), SceneError> {
     for (m, mesh) in root.meshes.iter().enumerate() {
         for (p, primitive) in mesh.primitives.iter().enumerate() {
             if primitive.attributes.values().any(|index| index.value() >= root.accessors.len()) {
@@ -241,10 +261,6 @@ fn validate(source: Source, root: &Root) -> Result<(), SceneError> {
             }
         }
     }
-    // Validation asks every accessor for a buffer view; those that Draco fills have none.
-    let explained = draco::explained(root);
-    let excused: HashSet<String> =
-        explained.iter().enumerate().filter(|(_, explained)| **explained).map(|(i, _)| format!("accessors[{i}].bufferView")).collect();
     let mut first: Option<(Path, Error)> = None;
     root.validate(root, Path::new, &mut |path, error| {
         // Required extensions have been held against our own table.
@@ -252,8 +268,10 @@ fn validate(source: Source, root: &Root) -> Result<(), SceneError> {
             return;
         }
         let path = path();
-        if error != Error::Missing || !excused.contains(path.as_str()) {
-            first = Some((path, error));
+        match forgiven(path.as_str(), &error) {
+            Some(Forgiven::Silently) => {}
+            Some(Forgiven::With(kind)) => warnings.note(kind, || path.as_str().to_string()),
+            None => first = Some((path, error)),
         }
     });
     match first {

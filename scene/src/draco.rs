@@ -10,7 +10,6 @@
 
 use super::accessor::Buffers;
 use super::error::{Budget, SceneError, Source};
-use gltf::json::Root;
 use gltf::json::mesh::Primitive;
 use gltf::json::validation::Checked;
 use serde_json::{Map, Value};
@@ -33,19 +32,6 @@ pub(crate) struct Stream {
 
 fn extension(primitive: &Primitive) -> Option<&Value> {
     primitive.extensions.as_ref()?.others.get(NAME)
-}
-
-/// Accessors whose missing buffer view the extension explains.
-pub(crate) fn explained(root: &Root) -> Vec<bool> {
-    let mut explained = vec![false; root.accessors.len()];
-    for primitive in root.meshes.iter().flat_map(|mesh| &mesh.primitives).filter(|primitive| extension(primitive).is_some()) {
-        for index in primitive.attributes.values().chain(&primitive.indices) {
-            if let Some(explained) = explained.get_mut(index.value()) {
-                *explained = true;
-            }
-        }
-    }
-    explained
 }
 
 /// The streams of the meshes in use that have to be decoded; each stands for one primitive or several that share all accessors.
@@ -122,6 +108,7 @@ mod decoder {
     use super::super::warnings::quote;
     use super::*;
     use draco_core::{DataType, DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute, PointIndex};
+    use gltf::json::Root;
     use gltf::json::accessor::ComponentType;
     use rayon::prelude::*;
     use std::cell::Cell;

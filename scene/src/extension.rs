@@ -1,4 +1,8 @@
-//! Extensions: which this build reads, who uses the others, and what to do about those that a file requires.
+//! Extensions: which this build reads, who uses the others, and which of those a bake cannot do without.
+//!
+//! Whether a name stands in `extensionsUsed` or in `extensionsRequired` decides nothing: exporters list as required what only refines
+//! looks. A file is refused where an extension that is not read holds what a bake is made of: the bytes of a buffer, view or accessor
+//! that is required through it, or the vertices of a mesh whose own accessors are empty. Images are looked after in `texture`.
 
 use super::error::{SceneError, Source};
 use super::warnings::{Warnings, label, quote};
@@ -22,16 +26,17 @@ const READ: &[&str] = &[
     "KHR_materials_variants",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
+    "KHR_node_visibility",
     "KHR_texture_transform",
 ];
 
 /// Nothing that a bake or a picture depends on, so neither a warning nor an obstacle.
 const WITHOUT_EFFECT: &[&str] = &["KHR_xmp_json_ld"];
 
-/// Without effect as an option: textures come with a PNG or JPEG beside, animations are not played at all.
-const WITHOUT_EFFECT_IF_OPTIONAL: &[&str] = &["EXT_texture_avif", "KHR_animation_pointer", "KHR_texture_basisu", "MSFT_texture_dds"];
+/// Extensions told of elsewhere, where they matter: a texture that only such an extension fills is refused by its name, and animations are counted.
+const TOLD_ELSEWHERE: &[&str] = &["EXT_texture_avif", "KHR_animation_pointer", "KHR_texture_basisu", "MSFT_texture_dds"];
 
-/// What the reader of a warning should know about an optional extension; others are "not read".
+/// What the reader of a warning should know about an extension; others are "not read".
 const REMARKS: &[(&str, &str)] = &[
     ("KHR_lights_punctual", "KHR_lights_punctual: point, spot and directional lights do not light the scene, environments do"),
     ("KHR_materials_sheen", "KHR_materials_sheen: cloth is shown without its sheen"),
@@ -44,7 +49,6 @@ pub(crate) const WAYS_OUT: &[(&str, &str)] = &[
     ("KHR_texture_basisu", "run: gltf-transform ktxdecompress IN.glb OUT.glb"),
     ("EXT_texture_avif", "convert its textures to PNG or JPEG (gltf-transform png IN.glb OUT.glb)"),
     ("MSFT_texture_dds", "convert its textures to PNG or JPEG"),
-    ("KHR_lights_punctual", "delete it from extensionsRequired: lights of the file do not light the scene, environments do"),
 ];
 
 /// How many extensions get a warning of their own; more than any honest file has.
@@ -67,6 +71,9 @@ const LISTS: &[(&str, &str)] = &[
     ("scenes", "scene"),
 ];
 
+/// Words of elements whose extensions change bytes.
+const BYTES: &[&str] = &["accessor", "buffer view", "buffer"];
+
 /// Elements that use one extension.
 #[derive(Debug, Default)]
 struct Usage {
@@ -77,9 +84,6 @@ struct Usage {
 
 impl std::fmt::Display for Usage {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        if self.counts.is_empty() {
-            return write!(f, "used by nothing");
-        }
         let counts: Vec<String> =
             self.counts.iter().map(|(word, n)| if *n == 1 { format!("1 {word}") } else { format!("{n} {}", plural(word)) }).collect();
         write!(f, "used by {}, first: {}", counts.join(", "), self.first)
@@ -90,35 +94,61 @@ fn plural(word: &str) -> String {
     if word.ends_with('h') { format!("{word}es") } else { format!("{word}s") }
 }
 
-/// Refuses required extensions that this build cannot read; warns about optional ones that it leaves out.
+/// Refuses extensions that hold geometry this build cannot read; warns about others that it leaves out.
 pub(crate) fn check(source: Source, root: &Value, warnings: &mut Warnings) -> Result<(), SceneError> {
     let usages = usages(root);
-    let unused = Usage::default();
-    if let Some(required) = root.get("extensionsRequired").and_then(Value::as_array) {
-        for (index, name) in required.iter().enumerate() {
-            let at = format!("extensionsRequired[{index}]");
-            let Some(name) = name.as_str() else {
-                return Err(source.invalid(at, "the name of an extension is not a string"));
-            };
-            if !READ.contains(&name) && !WITHOUT_EFFECT.contains(&name) {
-                let used_by = usages.get(name).unwrap_or(&unused).to_string();
-                let help = WAYS_OUT.iter().find(|(known, _)| *known == name).map_or_else(
-                    || format!("export it without {}, or, if it only refines looks, delete it from extensionsRequired", quote(name)),
-                    |(_, way)| way.to_string(),
-                );
-                let name = quote(name).trim_matches('"').to_string();
-                return Err(SceneError::Extension { file: source.name(), name, at, used_by, help });
-            }
+    let required = required(source, root)?;
+    for (name, usage) in usages.iter().filter(|(name, _)| !is_known(name)) {
+        let listed = required.iter().position(|other| other == name);
+        let bytes = listed.is_some() && usage.counts.iter().any(|(word, _)| BYTES.contains(word));
+        if !bytes && !fills_vertices(root, name) {
+            continue;
         }
+        let at = listed.map_or_else(|| usage.first.clone(), |index| format!("extensionsRequired[{index}]"));
+        let help = WAYS_OUT.iter().find(|(known, _)| known == name).map_or_else(
+            || format!("export the geometry without {}: it holds vertices or their bytes", quote(name)),
+            |(_, way)| way.to_string(),
+        );
+        let name = quote(name).trim_matches('"').to_string();
+        return Err(SceneError::Extension { file: source.name(), name, at, used_by: usage.to_string(), help });
     }
-    let silent = |name: &str| [READ, WITHOUT_EFFECT, WITHOUT_EFFECT_IF_OPTIONAL].iter().any(|list| list.contains(&name));
-    for (name, usage) in usages.iter().filter(|(name, _)| !silent(name)).take(MOST_WARNINGS) {
-        let n = usage.counts.iter().map(|(_, n)| n).sum();
-        let remark = REMARKS.iter().find(|(known, _)| known == name);
+    let unseen = required.iter().enumerate().filter(|(_, name)| !usages.contains_key(**name));
+    let unseen = unseen.map(|(index, name)| (*name, 1, format!("extensionsRequired[{index}]")));
+    let seen = usages.iter().map(|(name, usage)| (name.as_str(), usage.counts.iter().map(|(_, n)| n).sum(), usage.first.clone()));
+    for (name, n, first) in seen.chain(unseen).filter(|(name, ..)| !is_known(name)).take(MOST_WARNINGS) {
+        let remark = REMARKS.iter().find(|(known, _)| *known == name);
         let kind = remark.map_or_else(|| format!("{} is not read", quote(name).trim_matches('"')), |(_, remark)| remark.to_string());
-        warnings.count(&kind, n, || usage.first.clone());
+        warnings.count(&kind, n, || first);
     }
     Ok(())
+}
+
+fn is_known(name: &str) -> bool {
+    [READ, WITHOUT_EFFECT, TOLD_ELSEWHERE].iter().any(|list| list.contains(&name))
+}
+
+fn required<'a>(source: Source, root: &'a Value) -> Result<Vec<&'a str>, SceneError> {
+    let names = root.get("extensionsRequired").and_then(Value::as_array).into_iter().flatten().enumerate();
+    let name = |(index, name): (usize, &'a Value)| {
+        name.as_str().ok_or_else(|| source.invalid(format!("extensionsRequired[{index}]"), "the name of an extension is not a string"))
+    };
+    names.map(name).collect()
+}
+
+/// Whether a primitive that carries the extension names an accessor without bytes of its own: then the extension has them.
+fn fills_vertices(root: &Value, name: &str) -> bool {
+    let list = |name: &str| root.get(name).and_then(Value::as_array).into_iter().flatten();
+    let accessors: Vec<&Value> = list("accessors").collect();
+    let empty = |index: &Value| {
+        let accessor = index.as_u64().and_then(|index| accessors.get(index as usize));
+        accessor.is_some_and(|accessor| accessor.get("bufferView").is_none() && accessor.get("sparse").is_none())
+    };
+    let primitives = list("meshes").filter_map(|mesh| mesh.get("primitives")?.as_array()).flatten();
+    let mut carriers = primitives.filter(|primitive| primitive.get("extensions").is_some_and(|all| all.get(name).is_some()));
+    carriers.any(|primitive| {
+        let position = primitive.get("attributes").and_then(|attributes| attributes.get("POSITION"));
+        position.into_iter().chain(primitive.get("indices")).any(empty)
+    })
 }
 
 /// Every extension object in the file, by name. One pass; depth is bounded by the JSON parser.

@@ -76,7 +76,7 @@ pub(crate) fn uris(path: &Path, file: &[u8]) -> Vec<String> {
 pub(crate) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, budget: &mut Budget) -> Result<Scene, SceneError> {
     let mut warnings = Warnings::default();
     let Document { root, extras, binary } = document::parse(source, file, variant, budget, &mut warnings)?;
-    node::check(source, &root)?;
+    node::check(source, &root, &mut warnings)?;
     let scene = choose_scene(source, &root, &mut warnings)?;
     let mut with_path = vec![false; root.nodes.len()];
     extras.nodes.iter().for_each(|(index, _)| with_path[*index] = true);
@@ -89,7 +89,10 @@ pub(crate) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
         SceneError::Empty { file, at, what, help: "export a file whose scene holds at least one mesh with triangles".to_string() }
     };
     if used.is_empty() {
-        return Err(nothing("no node of the scene has a mesh"));
+        return Err(nothing(match tree.hidden {
+            true => "every node with a mesh is hidden (KHR_node_visibility)",
+            false => "no node of the scene has a mesh",
+        }));
     }
 
     let bytes = read_buffers(source, &root, file, binary, budget)?;
@@ -101,8 +104,9 @@ pub(crate) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
     }
     let placed = instance::expand(&buffers, tree.meshes, budget)?;
     let nodes: Vec<usize> = placed.iter().map(|placed| placed.node).collect();
-    let (shapes, shape_of) = pose::shapes(&buffers, &nodes)?;
-    let joints = pose::joints(&buffers, &shapes, budget)?;
+    let worlds: Vec<node::Matrix> = placed.iter().map(|placed| placed.world_from_local).collect();
+    let (shapes, shape_of) = pose::shapes(&buffers, &nodes, &worlds, &mut warnings)?;
+    let joints = pose::joints(&buffers, &shapes, scene, budget)?;
     let mut palette = Vec::with_capacity(root.materials.len());
     let mut wanted = texture::Wanted::default();
     let in_use = materials_in_use(&root, &used);
@@ -121,7 +125,7 @@ pub(crate) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
         return Err(nothing("its meshes have no triangles"));
     }
 
-    let textures = texture::decode(&buffers, &wanted, budget)?;
+    let textures = texture::decode(&buffers, &wanted, budget, &mut warnings)?;
     let meshes: Vec<Option<Arc<Mesh>>> = (mesh::read(&buffers, &plans)?.into_iter())
         .map(|mesh| if mesh.primitives.is_empty() { None } else { Some(Arc::new(mesh)) })
         .collect();

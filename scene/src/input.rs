@@ -1,7 +1,7 @@
 //! From the path that a person gave to a scene manifest and the folder that its paths are relative to.
 
 use super::overrides::{self, ObjectKnobs};
-use super::{Scene, file, gltf, parts, smooth};
+use super::{Scene, enclosure, file, gltf, parts, smooth};
 use crate::error::SceneError;
 use prelight_manifests::SceneManifest;
 use prelight_manifests::scene::EnvironmentEntry;
@@ -106,6 +106,8 @@ impl SceneInput {
         let (knobs, warnings) = overrides::object_knobs(&self.manifest, &scene.objects)?;
         scene.warnings.extend(warnings);
         smooth::apply(&mut scene.objects, &knobs);
+        let enclosing = enclosure::warnings(&scene);
+        scene.warnings.extend(enclosing);
         Ok(LoadedScene { scene, knobs })
     }
 

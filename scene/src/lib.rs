@@ -8,6 +8,7 @@ mod assemble;
 pub mod chunks;
 mod document;
 mod draco;
+mod enclosure;
 mod error;
 pub mod export;
 mod extension;
@@ -22,8 +23,12 @@ mod hostile;
 mod hostile_extensions;
 pub mod input;
 mod instance;
+mod integers;
+mod jpeg;
 #[cfg(test)]
 mod legal;
+#[cfg(test)]
+mod lenient;
 mod lobes;
 mod material;
 #[cfg(test)]

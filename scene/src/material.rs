@@ -204,7 +204,12 @@ fn resolve(
     };
     let index = usage.texture;
     let texture = root.textures.get(index).ok_or_else(|| source.invalid(at, "a texture that does not exist"))?;
-    let image = texture::image_of(source, root, index)?;
+    let Some(image) = texture::image_of(source, root, index)? else {
+        warnings.note("a texture without an image is left out, its factor stays", || {
+            format!("{at}, {}", label("textures", index, texture.name.as_deref()))
+        });
+        return Ok(None);
+    };
     taken[place] = Some(slot);
     let sampler = texture.sampler.and_then(|sampler| root.samplers.get(sampler.value()));
     let wrap = |mode: Checked<WrappingMode>| match mode {

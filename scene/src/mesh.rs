@@ -108,7 +108,8 @@ pub(crate) fn plan(
         };
         let attribute = |semantic: Semantic| primitive.attributes.get(&Checked::Valid(semantic)).map(|index| index.value());
         let Some(positions) = attribute(Semantic::Positions) else {
-            return Err(buffers.source.invalid(at(), "a primitive without POSITION"));
+            warnings.note("primitives without POSITION are not drawn", at);
+            continue;
         };
         let view = buffers.accessor(positions)?;
         let count = view.count as u64;
@@ -145,10 +146,8 @@ pub(crate) fn plan(
                 let (Some(of), Some(by)) = (of, by) else { break };
                 pose.influences.push((of, by));
             }
-            if pose.influences.is_empty() {
-                return Err(buffers.source.invalid(at(), "a skinned primitive without JOINTS_0 and WEIGHTS_0"));
-            }
-            pose.joints = joints.clone();
+            pose.rigid = pose.influences.is_empty();
+            pose.joints = if let (true, Some(rest)) = (pose.rigid, shape.rest) { Arc::new(vec![rest]) } else { joints.clone() };
         }
 
         let mut material = match primitive.material {
@@ -180,7 +179,7 @@ pub(crate) fn plan(
             + 8 * uvs.iter().flatten().count() as u64;
         // Indices are held twice while they are put together; tangents are summed in f64.
         let morphing = if pose.targets.is_empty() { 0 } else { 48 * count };
-        let skinning = if pose.influences.is_empty() { 0 } else { (32 + 128 + size_of::<Placement>() as u64) * count };
+        let skinning = if pose.influences.is_empty() && !pose.rigid { 0 } else { (32 + 128 + size_of::<Placement>() as u64) * count };
         let scratch = morphing + skinning + if make_tangents.is_some() { 48 * vertices } else { 0 };
         let bytes = vertices * per_vertex + 12 * triangles + 4 * corners + scratch;
         budget.charge(at(), &format!("{count} vertices and {triangles} triangles"), bytes)?;

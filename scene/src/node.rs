@@ -31,12 +31,16 @@ pub(crate) struct Tree {
     /// Nodes with a mesh, in depth-first order.
     pub meshes: Vec<Placed>,
     pub cameras: Vec<SceneCamera>,
+    /// A node with a mesh was left out because it is hidden.
+    pub hidden: bool,
     /// Paths of the nodes asked for.
     pub paths: Vec<(usize, String)>,
 }
 
-/// Every node has at most one parent and none is its own ancestor.
-pub(crate) fn check(source: Source, root: &Root) -> Result<(), SceneError> {
+/// Refuses a node with two parents and one that is its own ancestor.
+///
+/// A child that its own parent lists twice, and a root that is listed twice or is also a child, are read once, with a warning.
+pub(crate) fn check(source: Source, root: &Root, warnings: &mut Warnings) -> Result<(), SceneError> {
     let nodes = &root.nodes;
     let mut parent: Vec<Option<usize>> = vec![None; nodes.len()];
     for (index, node) in nodes.iter().enumerate() {
@@ -44,6 +48,9 @@ pub(crate) fn check(source: Source, root: &Root) -> Result<(), SceneError> {
             let child = child.value();
             match parent[child] {
                 None => parent[child] = Some(index),
+                Some(other) if other == index && other != child => {
+                    warnings.note("a child that is listed twice is read once", || label("nodes", child, nodes[child].name.as_deref()));
+                }
                 Some(other) => {
                     let at = label("nodes", child, nodes[child].name.as_deref());
                     return Err(source.invalid(at, format!("a node with two parents, nodes[{other}] and nodes[{index}]")));
@@ -68,9 +75,11 @@ pub(crate) fn check(source: Source, root: &Root) -> Result<(), SceneError> {
         let mut listed = HashSet::new();
         for node in &scene.nodes {
             let node = node.value();
-            if parent[node].is_some() || !listed.insert(node) {
-                let at = format!("scenes[{s}].nodes");
-                return Err(source.invalid(at, format!("nodes[{node}] is listed twice, or is the child of another node")));
+            let at = || format!("scenes[{s}].nodes, {}", label("nodes", node, nodes[node].name.as_deref()));
+            if !listed.insert(node) {
+                warnings.note("a root of the scene that is listed twice is read once", at);
+            } else if parent[node].is_some() {
+                warnings.note("a root of the scene that is also the child of a node is read once", at);
             }
         }
     }
@@ -91,28 +100,37 @@ pub(crate) fn walk(
         name: String,
         prefix: usize,
         parent: Matrix,
+        hidden: bool,
     }
     let mut tree = Tree::default();
     let mut stack: Vec<Step> = Vec::new();
-    let roots: Vec<usize> = root.scenes[scene].nodes.iter().map(|n| n.value()).collect();
-    stack.extend(named(root, &roots).into_iter().rev().map(|(node, name)| Step { node, name, prefix: 0, parent: IDENTITY }));
+    let roots = roots(root, scene);
+    let first = |(node, name)| Step { node, name, prefix: 0, parent: IDENTITY, hidden: false };
+    stack.extend(named(root, &roots).into_iter().rev().map(first));
     let mut path = String::new();
     let mut unique = Unique::default();
-    while let Some(Step { node: index, name, prefix, parent }) = stack.pop() {
+    while let Some(Step { node: index, name, prefix, parent, hidden }) = stack.pop() {
         let node = &root.nodes[index];
+        let hidden = hidden || !is_visible(source, index, node)?;
         path.truncate(prefix);
         if prefix > 0 {
             path.push('/');
         }
         path.push_str(&name);
         let world = multiply(&parent, &local(source, index, node)?);
+        if node.matrix.is_some_and(|matrix| last_row(&matrix) != LAST_ROW) {
+            warnings.note("a matrix whose last row is off by rounding is read as 0 0 0 1", || label("nodes", index, node.name.as_deref()));
+        }
         if node.mesh.is_some() || with_path[index] {
             budget.charge(label("nodes", index, node.name.as_deref()), "the path of its name", 2 * path.len() as u64)?;
             let name = unique.take(&path);
             if with_path[index] {
                 tree.paths.push((index, name.clone()));
             }
-            if node.mesh.is_some() {
+            if node.mesh.is_some() && hidden {
+                tree.hidden = true;
+                warnings.note("nodes hidden by KHR_node_visibility are left out", || name);
+            } else if node.mesh.is_some() {
                 tree.meshes.push(Placed { node: index, name, world_from_local: world });
             }
         }
@@ -127,9 +145,10 @@ pub(crate) fn walk(
                 Err(why) => warnings.note(why, at),
             }
         }
-        let children: Vec<usize> = node.children.iter().flatten().map(|child| child.value()).collect();
+        let children = each_once(node.children.iter().flatten().map(|child| child.value()));
         let prefix = path.len();
-        stack.extend(named(root, &children).into_iter().rev().map(|(node, name)| Step { node, name, prefix, parent: world }));
+        let below = |(node, name)| Step { node, name, prefix, parent: world, hidden };
+        stack.extend(named(root, &children).into_iter().rev().map(below));
     }
     let mut names = Unique::default();
     for camera in &mut tree.cameras {
@@ -138,17 +157,57 @@ pub(crate) fn walk(
     Ok(tree)
 }
 
-/// World transforms of all nodes, by index, in whatever scene they are. The nodes must be a forest ([`check`]).
-pub(crate) fn worlds(source: Source, root: &Root) -> Result<Vec<Matrix>, SceneError> {
+/// Nodes that a scene begins with, each once, in its order. One that stands below another of them is reached from there.
+fn roots(root: &Root, scene: usize) -> Vec<usize> {
+    let listed = each_once(root.scenes[scene].nodes.iter().map(|node| node.value()));
+    let mut is_listed = vec![false; root.nodes.len()];
+    listed.iter().for_each(|&node| is_listed[node] = true);
+    let mut below = vec![false; root.nodes.len()];
+    let mut stack = listed.clone();
+    while let Some(node) = stack.pop() {
+        for child in root.nodes[node].children.iter().flatten().map(|child| child.value()) {
+            // A listed child is on the stack for itself.
+            if !std::mem::replace(&mut below[child], true) && !is_listed[child] {
+                stack.push(child);
+            }
+        }
+    }
+    listed.into_iter().filter(|&node| !below[node]).collect()
+}
+
+/// Indices without repeats, in their order.
+fn each_once(indices: impl Iterator<Item = usize>) -> Vec<usize> {
+    let mut seen = HashSet::new();
+    indices.filter(|&index| seen.insert(index)).collect()
+}
+
+/// KHR_node_visibility; a node without it is visible.
+fn is_visible(source: Source, index: usize, node: &Node) -> Result<bool, SceneError> {
+    let visible = node.extensions.as_ref().and_then(|all| all.others.get("KHR_node_visibility")).and_then(|own| own.get("visible"));
+    visible.map_or(Some(true), serde_json::Value::as_bool).ok_or_else(|| {
+        source.invalid(
+            format!("{}.extensions.KHR_node_visibility", label("nodes", index, node.name.as_deref())),
+            "visible is not true or false",
+        )
+    })
+}
+
+/// World transforms of all nodes, by index, in whatever scene they are; the roots of `scene` stand where they stand in it. The nodes must
+/// be a forest ([`check`]).
+pub(crate) fn worlds(source: Source, root: &Root, scene: usize) -> Result<Vec<Matrix>, SceneError> {
     let mut worlds = vec![IDENTITY; root.nodes.len()];
     let mut has_parent = vec![false; root.nodes.len()];
     root.nodes.iter().flat_map(|node| node.children.iter().flatten()).for_each(|child| has_parent[child.value()] = true);
+    let roots = roots(root, scene);
+    roots.iter().for_each(|&node| has_parent[node] = false);
+    let mut is_root = vec![false; root.nodes.len()];
+    roots.iter().for_each(|&node| is_root[node] = true);
     let mut stack: Vec<usize> = (0..root.nodes.len()).filter(|&node| !has_parent[node]).collect();
     for &node in &stack {
         worlds[node] = local(source, node, &root.nodes[node])?;
     }
     while let Some(parent) = stack.pop() {
-        for child in root.nodes[parent].children.iter().flatten().map(|child| child.value()) {
+        for child in root.nodes[parent].children.iter().flatten().map(|child| child.value()).filter(|&child| !is_root[child]) {
             worlds[child] = multiply(&worlds[parent], &local(source, child, &root.nodes[child])?);
             stack.push(child);
         }
@@ -188,16 +247,27 @@ fn named(root: &Root, siblings: &[usize]) -> Vec<(usize, String)> {
     siblings.iter().map(|&node| (node, unique.take(&name(node)))).collect()
 }
 
+/// Last row of an affine matrix.
+const LAST_ROW: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
+/// Distance from `LAST_ROW` that rounding explains: an inverted matrix in f32 is off by some 1e-7.
+const ROW_TOLERANCE: f32 = 1e-5;
+
+fn last_row(matrix: &[f32; 16]) -> [f32; 4] {
+    [matrix[3], matrix[7], matrix[11], matrix[15]]
+}
+
 fn local(source: Source, index: usize, node: &Node) -> Result<Matrix, SceneError> {
     let at = || label("nodes", index, node.name.as_deref());
     if let Some(matrix) = node.matrix {
         if !matrix.iter().all(|x| x.is_finite()) {
             return Err(source.invalid(at(), "a matrix with a number that is not finite"));
         }
-        if [matrix[3], matrix[7], matrix[11], matrix[15]] != [0.0, 0.0, 0.0, 1.0] {
+        if last_row(&matrix).iter().zip(LAST_ROW).any(|(found, expected)| (found - expected).abs() > ROW_TOLERANCE) {
             return Err(source.invalid(at(), "a matrix that is not affine: its last row must be 0 0 0 1"));
         }
-        return Ok(matrix.map(f64::from));
+        let mut matrix = matrix.map(f64::from);
+        (0..4).for_each(|c| matrix[4 * c + 3] = f64::from(LAST_ROW[c]));
+        return Ok(matrix);
     }
     let t = node.translation.unwrap_or([0.0; 3]);
     let s = node.scale.unwrap_or([1.0; 3]);

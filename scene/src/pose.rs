@@ -12,7 +12,10 @@ use super::Primitive;
 use super::accessor::Buffers;
 use super::error::{Budget, SceneError};
 use super::node::{self, Matrix};
+use super::warnings::{Warnings, label};
 use super::world::Placement;
+use gltf::json::mesh::Semantic;
+use gltf::json::validation::Checked;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -24,12 +27,31 @@ pub(crate) struct Shape {
     pub weights: Vec<f32>,
     /// Index of the skin.
     pub skin: Option<usize>,
+    /// Where the node stands, for parts of a skinned mesh that no joint moves.
+    pub rest: Option<Matrix>,
+}
+
+/// How many of a mesh's primitives name joints and weights, of how many.
+fn influenced(root: &gltf::json::Root, mesh: usize) -> (usize, usize) {
+    let has = |primitive: &gltf::json::mesh::Primitive, semantic: Semantic| primitive.attributes.contains_key(&Checked::Valid(semantic));
+    let primitives = &root.meshes[mesh].primitives;
+    let skinned = primitives.iter().filter(|p| has(p, Semantic::Joints(0)) && has(p, Semantic::Weights(0))).count();
+    (skinned, primitives.len())
 }
 
 /// The shapes of the scene's nodes, each once, in the order of mesh, weights and skin, and the shape of each node asked for.
-pub(crate) fn shapes(buffers: &Buffers, nodes: &[usize]) -> Result<(Vec<Shape>, Vec<usize>), SceneError> {
+///
+/// A skin on a primitive without joints and weights does not move it: it stays where its node is. `worlds` are those of `nodes`.
+pub(crate) fn shapes(
+    buffers: &Buffers,
+    nodes: &[usize],
+    worlds: &[Matrix],
+    warnings: &mut Warnings,
+) -> Result<(Vec<Shape>, Vec<usize>), SceneError> {
     let root = buffers.root;
-    let mut known: BTreeMap<(usize, Vec<u32>, Option<usize>), Vec<usize>> = BTreeMap::new();
+    // Shapes with parts that stay with their node are each node's own.
+    type Key = (usize, Vec<u32>, Option<usize>, Option<usize>);
+    let mut known: BTreeMap<Key, Vec<usize>> = BTreeMap::new();
     for (k, &index) in nodes.iter().enumerate() {
         let node = &root.nodes[index];
         let mesh = node.mesh.map_or(0, |mesh| mesh.value());
@@ -43,27 +65,35 @@ pub(crate) fn shapes(buffers: &Buffers, nodes: &[usize]) -> Result<(Vec<Shape>, 
         if weights.iter().all(|&w| w == 0.0) {
             weights.clear();
         }
-        let key = (mesh, weights.iter().map(|w| w.to_bits()).collect(), node.skin.map(|skin| skin.value()));
+        let (skinned, all) = influenced(root, mesh);
+        if node.skin.is_some() && skinned < all {
+            let at = || label("meshes", mesh, root.meshes[mesh].name.as_deref());
+            warnings.note("a skin on primitives without JOINTS_0 and WEIGHTS_0: they stay with their node", at);
+        }
+        let skin = node.skin.map(|skin| skin.value()).filter(|_| skinned > 0);
+        let own = (skin.is_some() && skinned < all).then_some(k);
+        let key = (mesh, weights.iter().map(|w| w.to_bits()).collect(), skin, own);
         known.entry(key).or_default().push(k);
     }
     let mut of_node = vec![0; nodes.len()];
     let mut shapes = Vec::with_capacity(known.len());
-    for ((mesh, weights, skin), users) in known {
+    for ((mesh, weights, skin, own), users) in known {
+        let rest = own.map(|k| worlds[k]);
         users.into_iter().for_each(|k| of_node[k] = shapes.len());
-        shapes.push(Shape { mesh, weights: weights.into_iter().map(f32::from_bits).collect(), skin });
+        shapes.push(Shape { mesh, weights: weights.into_iter().map(f32::from_bits).collect(), skin, rest });
     }
     Ok((shapes, of_node))
 }
 
 /// Joint matrices G·B of every skin in use. `[skins]`, empty for the others.
-pub(crate) fn joints(buffers: &Buffers, shapes: &[Shape], budget: &mut Budget) -> Result<Vec<Arc<Vec<Matrix>>>, SceneError> {
+pub(crate) fn joints(buffers: &Buffers, shapes: &[Shape], scene: usize, budget: &mut Budget) -> Result<Vec<Arc<Vec<Matrix>>>, SceneError> {
     let root = buffers.root;
     let mut joints: Vec<Arc<Vec<Matrix>>> = root.skins.iter().map(|_| Arc::default()).collect();
     if shapes.iter().all(|shape| shape.skin.is_none()) {
         return Ok(joints);
     }
     budget.charge("nodes", "their world transforms", (root.nodes.len() * (size_of::<Matrix>() + 8)) as u64)?;
-    let worlds = node::worlds(buffers.source, root)?;
+    let worlds = node::worlds(buffers.source, root, scene)?;
     for (index, skin) in root.skins.iter().enumerate() {
         if !shapes.iter().any(|shape| shape.skin == Some(index)) {
             continue;
@@ -106,6 +136,8 @@ pub(crate) struct Pose {
     /// Accessors of joints and weights, four of each a vertex.
     pub influences: Vec<(usize, usize)>,
     pub joints: Arc<Vec<Matrix>>,
+    /// A skin is there and moves nothing: all vertices follow the first of `joints`.
+    pub rigid: bool,
 }
 
 /// Moves the vertices.
@@ -113,7 +145,7 @@ pub(crate) fn apply(buffers: &Buffers, pose: &Pose, primitive: &mut Primitive) -
     if !pose.targets.is_empty() {
         morph(buffers, pose, primitive)?;
     }
-    if !pose.influences.is_empty() {
+    if !pose.influences.is_empty() || pose.rigid {
         skin(buffers, pose, primitive)?;
     }
     Ok(())

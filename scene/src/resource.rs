@@ -2,6 +2,9 @@
 //!
 //! A file must lie inside the scene's own folder, also after symbolic links are followed, and be a regular file: a scene from
 //! the internet must not read `../../etc/passwd`, nor hang on a pipe.
+//!
+//! A name that is not there is looked for with `/` for `\\` and in other letter case, as the systems that such files come from would find
+//! it; several that differ only so are named instead.
 
 use super::error::{Budget, SceneError, Source};
 use super::warnings::quote;
@@ -74,17 +77,10 @@ fn resolve(source: Source, uri: &str, at: &str) -> Result<PathBuf, SceneError> {
     if decoded.is_empty() || decoded.contains('\0') {
         return fail("the name of a file is empty or broken", "export the file again");
     }
-    let relative = Path::new(decoded.as_ref());
-    let mut depth = 0i64;
-    for component in relative.components() {
-        depth += match component {
-            Component::Normal(_) => 1,
-            Component::CurDir => 0,
-            Component::ParentDir => -1,
-            Component::RootDir | Component::Prefix(_) => return fail("an absolute path", INSIDE),
-        };
-        if depth < 0 {
-            return fail("a file outside the scene's folder", INSIDE);
+    let slashed = decoded.replace('\\', "/");
+    for name in [decoded.as_ref(), &slashed] {
+        if let Some(what) = leads_outside(Path::new(name)) {
+            return fail(what, INSIDE);
         }
     }
     let folder = match source.0.parent() {
@@ -93,11 +89,19 @@ fn resolve(source: Source, uri: &str, at: &str) -> Result<PathBuf, SceneError> {
     };
     let io = |e| SceneError::Io { path: folder.display().to_string(), source: e };
     let folder = folder.canonicalize().map_err(io)?;
-    let path = match folder.join(relative).canonicalize() {
+    let path = match folder.join(decoded.as_ref()).canonicalize().or_else(|e| match e.kind() {
+        std::io::ErrorKind::NotFound => folder.join(&slashed).canonicalize(),
+        _ => Err(e),
+    }) {
         Ok(path) => path,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-            return fail("a file that it names is missing", "put it beside the scene file, or export everything into one .glb");
-        }
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => match alike(&folder, Path::new(&slashed)).as_slice() {
+            [one] => one.canonicalize().map_err(|e| SceneError::Io { path: one.display().to_string(), source: e })?,
+            [] => return fail("a file that it names is missing", "put it beside the scene file, or export everything into one .glb"),
+            several => {
+                let names: Vec<String> = several.iter().filter_map(|path| Some(quote(&path.file_name()?.to_string_lossy()))).collect();
+                return fail("a file that it names is missing", &format!("rename one of those alike: {}", names.join(", ")));
+            }
+        },
         Err(e) => return fail(&format!("a file that it names cannot be read ({e})"), "check its name and permissions"),
     };
     if !path.starts_with(&folder) {
@@ -107,4 +111,46 @@ fn resolve(source: Source, uri: &str, at: &str) -> Result<PathBuf, SceneError> {
         return fail("what it names is not a regular file", INSIDE);
     }
     Ok(path)
+}
+
+/// What is wrong with a path that must stay in its folder.
+fn leads_outside(relative: &Path) -> Option<&'static str> {
+    let mut depth = 0i64;
+    for component in relative.components() {
+        depth += match component {
+            Component::Normal(_) => 1,
+            Component::CurDir => 0,
+            Component::ParentDir => -1,
+            Component::RootDir | Component::Prefix(_) => return Some("an absolute path"),
+        };
+        if depth < 0 {
+            return Some("a file outside the scene's folder");
+        }
+    }
+    None
+}
+
+/// Most names of one folder that are looked through, and most paths alike that are kept.
+const MOST_NAMES: usize = 65536;
+const MOST_ALIKE: usize = 4;
+
+/// Paths below `folder` that differ from `relative` only in letter case, sorted.
+fn alike(folder: &Path, relative: &Path) -> Vec<PathBuf> {
+    let mut found = vec![folder.to_path_buf()];
+    for component in relative.components() {
+        let wanted = component.as_os_str().to_string_lossy().to_lowercase();
+        let mut next = Vec::new();
+        for base in &found {
+            if !matches!(component, Component::Normal(_)) {
+                next.push(base.join(component));
+                continue;
+            }
+            let names = std::fs::read_dir(base).into_iter().flatten().take(MOST_NAMES).flatten().map(|entry| entry.file_name());
+            next.extend(names.filter(|name| name.to_string_lossy().to_lowercase() == wanted).map(|name| base.join(name)));
+        }
+        next.sort();
+        next.truncate(MOST_ALIKE);
+        found = next;
+    }
+    found
 }

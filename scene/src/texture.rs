@@ -3,8 +3,8 @@
 use super::accessor::Buffers;
 use super::error::{Budget, SceneError, Source};
 use super::extension::WAYS_OUT;
-use super::resource;
-use super::warnings::label;
+use super::warnings::{Warnings, label};
+use super::{jpeg, resource};
 use gltf::json::Root;
 use image::{ImageFormat, ImageReader, Limits};
 use prelight_runtime::surface::{Texture, TextureEncoding};
@@ -56,18 +56,18 @@ impl Wanted {
     }
 }
 
-/// The image of a texture: that of EXT_texture_webp where there is one, else the plain one.
-pub(crate) fn image_of(source: Source, root: &Root, index: usize) -> Result<usize, SceneError> {
+/// The image of a texture: that of EXT_texture_webp where there is one, else the plain one; `None` for a texture that has none at all.
+pub(crate) fn image_of(source: Source, root: &Root, index: usize) -> Result<Option<usize>, SceneError> {
     let texture = &root.textures[index];
     let at = || label("textures", index, texture.name.as_deref());
     let others = texture.extensions.as_ref().map(|e| &e.others);
     if let Some(webp) = others.and_then(|others| others.get("EXT_texture_webp")) {
         let image = webp.get("source").and_then(Value::as_u64).filter(|&image| image < root.images.len() as u64);
-        return image.map(|image| image as usize).ok_or_else(|| source.invalid(at(), "EXT_texture_webp without an image"));
+        return image.map(|image| Some(image as usize)).ok_or_else(|| source.invalid(at(), "EXT_texture_webp without an image"));
     }
     let image = texture.source.value();
     if image < root.images.len() {
-        return Ok(image);
+        return Ok(Some(image));
     }
     let known = others.into_iter().flat_map(Map::keys).find(|name| WAYS_OUT.iter().any(|(way, _)| way == name));
     match known {
@@ -76,7 +76,7 @@ pub(crate) fn image_of(source: Source, root: &Root, index: usize) -> Result<usiz
             let (name, used_by) = (name.clone(), "its only image".to_string());
             Err(SceneError::Extension { file: source.name(), name, at: at(), used_by, help: help.to_string() })
         }
-        None => Err(source.invalid(at(), "a texture without an image")),
+        None => Ok(None),
     }
 }
 
@@ -85,10 +85,17 @@ struct Encoded<'a> {
     bytes: Cow<'a, [u8]>,
     format: ImageFormat,
     size: (u32, u32),
+    /// A JPEG without its end marker.
+    endless: bool,
 }
 
 /// Decodes what is wanted. Each image is decoded once.
-pub(crate) fn decode(buffers: &Buffers, wanted: &Wanted, budget: &mut Budget) -> Result<Vec<Texture<'static>>, SceneError> {
+pub(crate) fn decode(
+    buffers: &Buffers,
+    wanted: &Wanted,
+    budget: &mut Budget,
+    warnings: &mut Warnings,
+) -> Result<Vec<Texture<'static>>, SceneError> {
     let source = buffers.source;
     let mut uses: BTreeMap<usize, u64> = BTreeMap::new();
     wanted.pairs.iter().for_each(|&(image, ..)| *uses.entry(image).or_default() += 1);
@@ -112,8 +119,11 @@ pub(crate) fn decode(buffers: &Buffers, wanted: &Wanted, budget: &mut Budget) ->
     let limit = passing.saturating_add(budget.left());
     let decoded: Vec<Result<Vec<u8>, SceneError>> = encoded.par_iter().map(|image| pixels(source, image, limit)).collect();
     let mut texels = Vec::with_capacity(decoded.len());
-    for result in decoded {
+    for (image, result) in encoded.iter().zip(decoded) {
         texels.push(result?);
+        if image.endless {
+            warnings.note("a JPEG without its end marker is read: no pixel is missing", || image.at.clone());
+        }
     }
     budget.release(passing);
     let textures = wanted.pairs.iter().map(|&(image, encoding, make)| {
@@ -156,6 +166,7 @@ fn open<'a>(buffers: &'a Buffers, index: usize, budget: &mut Budget) -> Result<E
             return Err(SceneError::Image { file: source.name(), at, what: what.to_string(), help: help.to_string() });
         }
     };
+    let endless = format == ImageFormat::Jpeg && !jpeg::has_end(&bytes);
     let size = match format {
         // Straight from the header: the decoder would first allocate a row of the width claimed.
         ImageFormat::Png => {
@@ -163,22 +174,32 @@ fn open<'a>(buffers: &'a Buffers, index: usize, budget: &mut Budget) -> Result<E
             word(16).zip(word(20)).filter(|_| &bytes[12..16] == b"IHDR").ok_or_else(|| broken(source, &at, "its header is cut short"))?
         }
         _ => {
-            // The decoder paints what is missing grey; better to say so.
-            if format == ImageFormat::Jpeg && !bytes.windows(2).any(|marker| marker == [0xFF, 0xD9]) {
-                return Err(broken(source, &at, "the JPEG is cut short"));
-            }
             let reader = ImageReader::with_format(Cursor::new(&bytes[..]), format);
-            reader.into_dimensions().map_err(|e| broken(source, &at, &e.to_string()))?
+            let cut = |e: image::ImageError| if endless { "the JPEG is cut short".to_string() } else { e.to_string() };
+            reader.into_dimensions().map_err(|e| broken(source, &at, &cut(e)))?
         }
     };
     if size.0 == 0 || size.1 == 0 {
         return Err(broken(source, &at, "it has no pixels"));
     }
-    Ok(Encoded { at, bytes, format, size })
+    Ok(Encoded { at, bytes, format, size, endless })
 }
 
 fn pixels(source: Source, image: &Encoded, limit: u64) -> Result<Vec<u8>, SceneError> {
-    let mut reader = ImageReader::with_format(Cursor::new(&image.bytes[..]), image.format);
+    if !image.endless {
+        return decode_bytes(source, image, &image.bytes, limit);
+    }
+    let [one, other] = jpeg::with_ends(&image.bytes);
+    let cut = |_| broken(source, &image.at, "the JPEG is cut short");
+    let pixels = decode_bytes(source, image, &one, limit).map_err(cut)?;
+    match decode_bytes(source, image, &other, limit).map_err(cut)? == pixels {
+        true => Ok(pixels),
+        false => Err(broken(source, &image.at, "the JPEG is cut short")),
+    }
+}
+
+fn decode_bytes(source: Source, image: &Encoded, bytes: &[u8], limit: u64) -> Result<Vec<u8>, SceneError> {
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), image.format);
     let mut limits = Limits::no_limits();
     limits.max_image_width = Some(image.size.0);
     limits.max_image_height = Some(image.size.1);

@@ -35,7 +35,7 @@ pub struct World {
 /// How a triangle blocks light. Both faces block, whatever the material's sidedness.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Occlusion {
-    /// Light passes: BLEND below opacity 0.5, zero area, or not finite.
+    /// Light passes: BLEND below its threshold, `occludes = false`, zero area, or not finite.
     #[default]
     None,
     /// Solid.

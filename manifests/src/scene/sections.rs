@@ -190,7 +190,8 @@ pub struct MaterialRule {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub alpha_cutoff: Option<f64>,
-    /// Whether a `blend` surface blocks light; without it, it does from opacity 0.5 up.
+    /// Whether it blocks light: `false` lets all light through, on any material; `true` makes a `blend` surface solid. Without it, a `blend`
+    /// surface blocks where its alpha is at least 0.5.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub occludes: Option<bool>,
     /// Seen and shaded from both sides.

@@ -81,7 +81,7 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 # emissive = [0.0, 0.0, 0.0]
 # alpha_mode = "opaque"      # opaque | mask | blend
 # alpha_cutoff = 0.5         # of mask
-# occludes = true            # of blend
+# occludes = true            # false: lets all light through
 # double_sided = true
 
 # Knobs of objects whose names (paths of node names) match.

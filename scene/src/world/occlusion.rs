@@ -1,29 +1,38 @@
 //! Which triangles block light, by the opacity rules.
 //!
 //! * OPAQUE blocks.
+//! * `occludes = false` of a material lets all light through, whatever its mode.
 //! * MASK blocks where alpha ≥ cutoff, alpha = factor × texture × vertex. With a texture this is decided at each hit. Without one
 //!   it is decided once a triangle, from the mean vertex alpha of its corners: lossy only where a cutoff runs through a triangle.
-//! * BLEND blocks as a whole when factor × mean texture alpha × mean vertex alpha of the triangle's corners is at least
-//!   [`BLEND_BLOCKS_FROM`], unless the material's `occludes` says otherwise.
+//! * BLEND blocks where alpha is at least [`BLEND_BLOCKS_FROM`], by the rules of MASK: at each hit with a
+//!   texture, once a triangle without. `occludes = true` makes it solid. Where no texel can fall on the other side of the threshold
+//!   the triangle is decided as a whole.
 //! * A triangle without area, or not finite, never blocks.
 
 use super::{AlphaMask, Occlusion, WorldPrimitive, has_area};
 use crate::{Primitive, Scene};
 use prelight_runtime::surface::{AlphaMode, Material, TextureRef};
 
-/// Opacity from which a BLEND surface blocks light.
-pub const BLEND_BLOCKS_FROM: f64 = 0.5;
+/// Alpha from which a BLEND surface blocks light.
+pub const BLEND_BLOCKS_FROM: f32 = 0.5;
 
-/// Decides for one primitive after the other; remembers the mean alpha of textures.
+/// Decides for one primitive after the other; remembers the range of alpha of textures.
 pub(super) struct Blocker<'a> {
     scene: &'a Scene,
-    mean_alpha: Vec<Option<f64>>,
+    alpha_range: Vec<Option<[f32; 2]>>,
     default_material: Material,
+}
+
+/// What a textured BLEND surface does with light, when one answer holds for all of it.
+enum Whole {
+    Blocks,
+    Passes,
+    Differs,
 }
 
 impl<'a> Blocker<'a> {
     pub fn new(scene: &'a Scene) -> Self {
-        Blocker { scene, mean_alpha: vec![None; scene.textures.len()], default_material: Material::default() }
+        Blocker { scene, alpha_range: vec![None; scene.textures.len()], default_material: Material::default() }
     }
 
     /// Appends one entry a triangle of `part`, whose world corners are `corners`, and a mask when one is needed.
@@ -53,8 +62,35 @@ impl<'a> Blocker<'a> {
         let solid = |blocks: bool| if blocks { Occlusion::Opaque } else { Occlusion::None };
         let with_area = |k: usize, kind: Occlusion| if has_area(&corners[k]) { kind } else { Occlusion::None };
         let triangles = part.triangles.iter().enumerate();
-        match (mode, textured) {
-            (AlphaMode::Mask { cutoff }, Some((reference, uvs))) => {
+        // Every mode by the rule of a cut-out, but for what is decided as a whole.
+        let (cutoff, textured) = match (mode, textured, occludes) {
+            (_, _, Some(false)) => {
+                occlusion.resize(occlusion.len() + part.triangles.len(), Occlusion::None);
+                return;
+            }
+            (AlphaMode::Opaque, ..) | (AlphaMode::Blend, _, Some(true)) => {
+                occlusion.extend(triangles.map(|(k, _)| with_area(k, Occlusion::Opaque)));
+                return;
+            }
+            (AlphaMode::Mask { cutoff }, textured, _) => (cutoff, textured),
+            (AlphaMode::Blend, None, None) => (BLEND_BLOCKS_FROM, None),
+            (AlphaMode::Blend, Some((reference, uvs)), None) => {
+                let vertices = local.colors.as_ref().map_or([1.0; 2], |colors| range(colors.iter().map(|color| color[3])));
+                match self.whole(&reference, [factor * vertices[0], factor * vertices[1]], BLEND_BLOCKS_FROM) {
+                    Whole::Differs => (BLEND_BLOCKS_FROM, Some((reference, uvs))),
+                    Whole::Blocks => {
+                        occlusion.extend(triangles.map(|(k, _)| with_area(k, Occlusion::Opaque)));
+                        return;
+                    }
+                    Whole::Passes => {
+                        occlusion.resize(occlusion.len() + part.triangles.len(), Occlusion::None);
+                        return;
+                    }
+                }
+            }
+        };
+        match textured {
+            Some((reference, uvs)) => {
                 let mask = masks.len() as u32;
                 occlusion.extend((0..part.triangles.len()).map(|k| with_area(k, Occlusion::Mask { mask, corner: k as u32 })));
                 masks.push(AlphaMask {
@@ -66,28 +102,31 @@ impl<'a> Blocker<'a> {
                     alpha: part.triangles.iter().map(vertex_alpha).collect(),
                 });
             }
-            (AlphaMode::Mask { cutoff }, None) => {
+            None => {
                 occlusion.extend(triangles.map(|(k, t)| with_area(k, solid(f64::from(factor) * mean_vertex_alpha(t) >= f64::from(cutoff)))))
             }
-            (AlphaMode::Blend, _) => {
-                let texture_alpha = textured.map_or(1.0, |(reference, _)| self.mean_alpha(&reference));
-                let opacity = f64::from(factor) * texture_alpha;
-                occlusion.extend(triangles.map(|(k, t)| {
-                    let blocks = occludes.unwrap_or_else(|| opacity * mean_vertex_alpha(t) >= BLEND_BLOCKS_FROM);
-                    with_area(k, solid(blocks))
-                }));
-            }
-            (AlphaMode::Opaque, _) => occlusion.extend(triangles.map(|(k, _)| with_area(k, Occlusion::Opaque))),
         }
     }
 
-    /// Mean alpha over all texels, an exact integer sum.
-    fn mean_alpha(&mut self, reference: &TextureRef) -> f64 {
+    /// Whether all texels, times a factor in `factors`, lie on one side of the threshold. What is sampled lies between texels.
+    fn whole(&mut self, reference: &TextureRef, factors: [f32; 2], threshold: f32) -> Whole {
         let index = reference.texture as usize;
-        *self.mean_alpha[index].get_or_insert_with(|| {
-            let texture = &self.scene.textures[index];
-            let sum: u64 = texture.texels.chunks_exact(4).map(|texel| u64::from(texel[3])).sum();
-            sum as f64 / (255.0 * (texture.texels.len() / 4) as f64)
-        })
+        let texels = || range(self.scene.textures[index].texels.chunks_exact(4).map(|texel| f32::from(texel[3]) / 255.0));
+        let [least, most] = *self.alpha_range[index].get_or_insert_with(texels);
+        if least * factors[0] >= threshold + ROUNDING {
+            Whole::Blocks
+        } else if most * factors[1] < threshold - ROUNDING {
+            Whole::Passes
+        } else {
+            Whole::Differs
+        }
     }
+}
+
+/// Interpolation may leave the range of its corners by this much.
+const ROUNDING: f32 = 1e-5;
+
+/// Least and largest value.
+fn range(values: impl Iterator<Item = f32>) -> [f32; 2] {
+    values.fold([f32::INFINITY, f32::NEG_INFINITY], |[least, most], value| [least.min(value), most.max(value)])
 }

@@ -129,7 +129,9 @@ fn opacity_rules_decide_what_blocks() {
     let blend = AlphaMode::Blend;
     // (mode, factor, texture's alphas, vertex alpha, occludes) -> what blocks
     let cases = [
-        (AlphaMode::Opaque, 0.0, None, 1.0, Some(false), "solid"),
+        (AlphaMode::Opaque, 0.0, None, 1.0, None, "solid"),
+        (AlphaMode::Opaque, 1.0, None, 1.0, Some(false), "none"),
+        (mask, 1.0, Some([0, 255]), 1.0, Some(false), "none"),
         (mask, 0.5, None, 1.0, None, "solid"),
         (mask, 0.49, None, 1.0, None, "none"),
         (mask, 1.0, None, 0.4, None, "none"),
@@ -138,9 +140,14 @@ fn opacity_rules_decide_what_blocks() {
         (blend, 0.5, None, 1.0, None, "solid"),
         (blend, 0.49, None, 1.0, Some(true), "solid"),
         (blend, 1.0, None, 1.0, Some(false), "none"),
-        (blend, 1.0, Some([0, 255]), 1.0, None, "solid"),
-        (blend, 1.0, Some([0, 254]), 1.0, None, "none"),
-        (blend, 0.9, Some([0, 255]), 1.0, None, "none"),
+        (blend, 1.0, Some([0, 255]), 1.0, None, "mask"),
+        (blend, 0.9, Some([0, 255]), 1.0, None, "mask"),
+        (blend, 0.4, Some([0, 255]), 1.0, None, "none"),
+        (blend, 1.0, Some([0, 120]), 1.0, None, "none"),
+        (blend, 1.0, Some([140, 255]), 1.0, None, "solid"),
+        (blend, 1.0, Some([140, 255]), 0.6, None, "mask"),
+        (blend, 1.0, Some([0, 255]), 1.0, Some(true), "solid"),
+        (blend, 1.0, Some([0, 255]), 1.0, Some(false), "none"),
         (blend, 1.0, None, 0.3, None, "none"),
     ];
     for (alpha_mode, factor, texture, vertex, occludes, expected) in cases {
@@ -168,6 +175,21 @@ fn opacity_rules_decide_what_blocks() {
         };
         assert_eq!(found, expected, "{alpha_mode:?} {factor} {texture:?} {vertex} {occludes:?}");
     }
+}
+
+#[test]
+fn a_blend_texture_cuts_as_a_mask_of_one_half_does() {
+    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false };
+    let build = |alpha_mode: AlphaMode| {
+        let material = Material { base_color_texture: Some(reference), alpha_mode, ..Material::default() };
+        let mut scene = scene_of(triangle(), material, &[IDENTITY]);
+        let texels = vec![9, 9, 9, 0, 9, 9, 9, 255];
+        scene.textures.push(Texture { width: 2, height: 1, encoding: TextureEncoding::Srgb, texels: texels.into() });
+        let world = World::build(&scene);
+        format!("{:?} {:?}", world.occlusion, world.masks)
+    };
+    assert_eq!(build(AlphaMode::Blend), build(AlphaMode::Mask { cutoff: 0.5 }));
+    assert!(build(AlphaMode::Blend).contains("Mask"));
 }
 
 #[test]
