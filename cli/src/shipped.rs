@@ -132,7 +132,7 @@ mod tests {
     #[test]
     fn no_path_of_any_system_stays_in_a_shipped_report() {
         let report = json!({
-            "scene": "/home/ann/room.toml", "store": "../cache", "prelight": "0.1.0", "unpacked_from": "in/old.prelight",
+            "scene": "/srv/ann/room.toml", "store": "../cache", "prelight": "0.1.0", "unpacked_from": "in/old.prelight",
             "bake": { "asset": "out/room.prelight.json", "store": "/srv/store", "points": 7, "bytes": { "peak_memory": 9, "stored": 8 } },
             "environments": [{ "name": "sky", "image": "C:\\Users\\ann\\sky.hdr", "intensity": 2.0 }, { "name": "dusk", "image": "../dusk.exr" }],
             "errors": [{ "object": "Root/Chair", "note": ["/var/tmp/x.log"] }],
