@@ -1,6 +1,6 @@
 //! A backend keeps the store's files: named bytes, published shard by shard.
 //!
-//! Everything above (put, read, index, ledger, roots, verify) works on names relative to the store ("packs/<digest>.pack") and knows no path. A
+//! Everything above (put, read, index, ledger, roots, verify) works on names relative to the store (`packs/<digest>.pack`) and knows no path. A
 //! backend promises:
 //! - a name that was published or saved is there whole or not at all, and once `sync_folders` returned for its folder it survives a power cut;
 //! - what is staged has no name that anybody sees before `Stage::publish`.
