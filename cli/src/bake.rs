@@ -124,7 +124,7 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, star
     let asset = output.unwrap_or_else(|| default_asset(loaded, in_part));
     if let Some(other) = replaced::other_scene(&asset, &loaded.input.file) {
         let text = format!("{} is the asset of another scene, {}", asset.display(), other.display());
-        if !named {
+        if !named && !replaced::is_copied(&asset, &loaded.input.file, &other) {
             let help = format!("name an asset for this one: -o OTHER.prelight.json, or `-o {}` to replace that one", asset.display());
             return Err(Failure::text(ExitCode::Input, format!("{text}\n  help: {help}")));
         }

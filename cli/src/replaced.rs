@@ -21,6 +21,14 @@ pub fn other_scene(asset: &Path, scene: &Path) -> Option<PathBuf> {
     (before != now && !beside).then_some(other)
 }
 
+/// Whether the asset came here with its scene: a copied folder has an asset whose report names the scene of the folder before.
+pub fn is_copied(asset: &Path, scene: &Path, other: &Path) -> bool {
+    let folder =
+        |path: &Path| path.parent().map(|folder| if folder.as_os_str().is_empty() { Path::new(".") } else { folder }.canonicalize());
+    let beside = matches!((folder(asset), folder(scene)), (Some(Ok(asset)), Some(Ok(scene))) if asset == scene);
+    beside && scene.file_name() == other.file_name()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -42,6 +50,8 @@ mod tests {
         assert_eq!(other_scene(&asset, &at("red/../red/scene.gltf")), None);
         assert_eq!(other_scene(&asset, &at("red/scene.toml")), None, "knobs for the same scene");
         assert_eq!(other_scene(&asset, &at("blue/scene.gltf")), Some(at("red/scene.gltf")));
+        assert!(!is_copied(&asset, &at("blue/scene.gltf"), &at("red/scene.gltf")), "both are baked into one folder");
+        assert!(is_copied(&at("blue/scene.prelight.json"), &at("blue/scene.gltf"), &at("red/scene.gltf")));
         std::fs::remove_file(at("red/scene.gltf")).unwrap();
         assert_eq!(other_scene(&asset, &at("blue/scene.gltf")), None, "moved or deleted");
         std::fs::write(&asset, "no asset").unwrap();
