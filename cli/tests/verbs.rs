@@ -151,7 +151,7 @@ fn check_names_what_will_look_wrong_and_what_a_bake_takes() {
     let talk = stderr(&output);
     assert!(talk.contains("warning: 1 object is single-sided") && talk.contains(": Screen\n  help: "), "{talk}");
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(text.contains("; 4 warnings\na bake: about ") && text.contains(" of memory, "), "{text}");
+    assert!(text.contains("; 5 warnings\na bake: about ") && text.contains(" of memory, "), "{text}");
 }
 
 #[test]

@@ -50,12 +50,13 @@ impl Technique for Share {
 struct ShareOfScene(f32);
 
 impl SceneFactors for ShareOfScene {
-    fn object<'b>(&'b self, _: &'b ObjectPlan, _: &'b ObjectSurfaces) -> Vec<Box<dyn ObjectFactor + 'b>> {
-        vec![Box::new(ShareOfObject(self.0))]
+    fn object<'b>(&'b self, plan: &'b ObjectPlan, _: &'b ObjectSurfaces) -> Vec<Box<dyn ObjectFactor + 'b>> {
+        vec![Box::new(ShareOfObject(self.0, plan.object))]
     }
 }
 
-struct ShareOfObject(f32);
+/// A share, and the object that has it.
+struct ShareOfObject(f32, u32);
 
 impl ObjectFactor for ShareOfObject {
     fn kind(&self) -> ChunkKind {
@@ -63,7 +64,7 @@ impl ObjectFactor for ShareOfObject {
     }
 
     fn key(&self, patch: &PlannedPatch) -> Digest {
-        digest_of(format!("toy:share {} {}", self.0, patch.n_points).as_bytes())
+        digest_of(format!("toy:share {} {} {}", self.0, self.1, patch.first).as_bytes())
     }
 
     fn bake(&self, _: &PlannedPatch) -> Result<(Vec<u8>, Plain), BakeError> {
