@@ -25,7 +25,7 @@ pub struct ChartLight {
     pub name: String,
     /// All directions.
     pub environment: Environment,
-    /// The same at the asset's face resolution.
+    /// The environment at the asset's face resolution.
     pub cubemap: LightCubemap,
 }
 

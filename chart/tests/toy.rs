@@ -19,7 +19,7 @@ use prelight_runtime::environment::{LightCubemap, sky};
 use prelight_scene::world::World;
 use std::sync::Arc;
 
-/// The same irradiance at every point, along its normal: a share of the light's mean.
+/// A contestant with one irradiance at every point, along its normal: a share of the light's mean.
 struct Toy;
 
 impl Contestant for Toy {

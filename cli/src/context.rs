@@ -67,7 +67,7 @@ pub struct Context<'a> {
     pub memory: ByteSize,
     /// Whether `--memory` was given.
     pub memory_given: bool,
-    /// The same bytes as a budget: what stores and packs decode is charged to it, and what decoders of images may take is what it has left.
+    /// A budget of `memory` bytes: what stores and packs decode is charged to it, and what decoders of images may take is what it has left.
     pub budget: Budget,
     /// `--store`.
     pub store: Option<PathBuf>,

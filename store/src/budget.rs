@@ -73,7 +73,7 @@ impl Default for Budget {
 pub(crate) struct Charge {
     budget: Budget,
     bytes: u64,
-    /// The same bytes of the budget around it.
+    /// A charge of as many bytes to the budget around it.
     _outer: Option<Box<Charge>>,
 }
 

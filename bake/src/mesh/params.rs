@@ -20,7 +20,7 @@ pub struct PointParams {
     pub max_level: u32,
     /// Where the mesh is finer than `edge_length`, only some of its points are baked, the others interpolate.
     pub coarser: bool,
-    /// Unrest of an edge, m²·sr, above which the borders of shadows split it down to the floor ([`crate::block_product::visibility::border`]); infinite: never.
+    /// Shadow gap of an edge, m²·sr, above which the borders of shadows split it down to the floor ([`crate::block_product::visibility::border`]); infinite: never.
     pub max_shadow_gap: f32,
     /// Triangles with an edge whose ends differ are cut in four, as in \[LD09\], in the place of edges in two. For its chart: it makes more points.
     pub quarters: bool,

@@ -156,7 +156,7 @@ pub(crate) struct SeenPatch {
 pub(crate) struct KnownPatch<'a> {
     /// What it saw.
     pub seen: &'a SeenPatch,
-    /// The same, read.
+    /// Its visibility chunk, read.
     pub chunk: &'a Chunk,
     /// What was done to the scene since, if that may have touched it.
     pub edit: Option<&'a SceneDiff>,

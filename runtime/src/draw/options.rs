@@ -9,7 +9,7 @@ pub enum Background<'a> {
     /// Nothing.
     #[default]
     Black,
-    /// The same radiance everywhere.
+    /// One radiance everywhere.
     Uniform([f32; 3]),
     /// An environment, as sharp as it is.
     Environment(&'a Environment),
