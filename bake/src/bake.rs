@@ -15,6 +15,7 @@ pub use stats::{BakeStats, TileStats};
 
 use crate::block_product::visibility::baker::VisibilityBaker;
 use crate::block_product::visibility::patch::Shadowing;
+use crate::bounces::{BounceInputs, add_links, check_memory};
 use crate::cost::estimate::{batches, count_object_points};
 use crate::error::BakeError;
 use crate::factor::{SceneInputs, Technique};
@@ -113,6 +114,9 @@ pub fn bake_with_previews(
     let missing: Vec<bool> = run.objects.iter().enumerate().map(|(object, known)| wanted(object) && known.is_none()).collect();
     let counts = run.count(counts, &missing, &known)?;
     let batches = batches(world, &counts, options.memory, rayon::current_num_threads())?;
+    if options.bounces.is_some() {
+        check_memory(counts.iter().sum(), options.memory)?;
+    }
     run.clock.lap("plan");
     if missing.contains(&true) {
         let occluder_options = OccluderOptions { quality: options.tree, ..OccluderOptions::default() };
@@ -130,7 +134,26 @@ pub fn bake_with_previews(
         let batches = batches.into_iter().map(|batch| batch.filter(|object| missing[*object]).collect()).collect();
         run.bake_batches(batches, &mut known, counts.iter().sum(), &baker, &context, preview)?;
     }
-    let mut baked = finish(scene, world, options, store, run.objects, run.stats)?;
+    let (in_scene, mut objects): (Vec<usize>, Vec<AssetObject>) =
+        run.objects.into_iter().enumerate().filter_map(|(at, object)| Some((at, object?))).unzip();
+    if let Some(bounces) = &options.bounces {
+        let occluders = OccluderOptions { quality: options.tree, ..OccluderOptions::default() };
+        let inputs = BounceInputs {
+            scene,
+            world,
+            pieces: &pieces,
+            snapshot: &snapshot,
+            options: bounces,
+            occluders,
+            memory: options.memory,
+            engine: &*options.engine,
+            store,
+            progress,
+        };
+        run.stats.count_bounces(&add_links(&inputs, &mut objects, &in_scene)?);
+        run.clock.lap("bounce");
+    }
+    let mut baked = finish(scene, world, options, store, objects, run.stats)?;
     run.clock.lap("seal");
     baked.stats.seconds = run.clock.laps;
     Ok(baked)
@@ -236,6 +259,7 @@ impl Run<'_> {
             for (object, sealed) in batch.iter().zip(context.seal(&first, false, &mut seen)?) {
                 shown[*object] = Some(sealed);
             }
+            let shown = shown.into_iter().flatten().collect();
             let baked = finish(self.scene, self.world, self.options, self.store, shown, seen)?;
             self.stats.bytes_stored += baked.stats.bytes_stored;
             self.clock.lap("preview");
@@ -260,10 +284,9 @@ fn finish(
     world: &World,
     options: &BakeOptions,
     store: &Store,
-    objects: Vec<Option<AssetObject>>,
+    objects: Vec<AssetObject>,
     mut stats: BakeStats,
 ) -> Result<Baked, BakeError> {
-    let objects = objects.into_iter().flatten().collect();
     let scene_chunks = SceneChunks::put(scene, store)?;
     stats.bytes_stored += scene_chunks.bytes_stored;
     let content = scene_chunks.content(world, options.face_resolution, objects);

@@ -22,6 +22,7 @@
 
 pub mod bake;
 pub mod block_product;
+pub mod bounces;
 pub mod budget;
 pub mod check;
 pub mod cost;

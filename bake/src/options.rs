@@ -3,6 +3,7 @@
 pub use crate::block_product::visibility::baker::Paranoid;
 
 use crate::block_product::visibility::patch::shades_of;
+use crate::bounces::BounceOptions;
 use crate::budget::Probes;
 use crate::engine::Engine;
 use crate::factor::Technique;
@@ -24,6 +25,8 @@ pub struct BakeOptions {
     pub tree: TreeQuality,
     /// Techniques that add factors to visibility. An object is baked by the first that takes it, or else as `block_product`.
     pub techniques: Vec<Arc<dyn Technique>>,
+    /// How bounced light is linked, beside every technique; `None`: direct light alone.
+    pub bounces: Option<BounceOptions>,
     /// Bytes that the bake may hold; changes no bit.
     pub memory: u64,
     /// Who runs the shards; changes no bit.

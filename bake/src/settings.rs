@@ -1,5 +1,6 @@
 //! From a scene manifest and the command line's knobs to what a bake is decided by.
 
+use crate::bounces::BounceOptions;
 use crate::budget::{Choice, Directions, choose};
 use crate::cost::counts::{Counter, Counts};
 use crate::cost::density::density_of;
@@ -16,6 +17,7 @@ use crate::vmf_transfer::angular::ViewOptions;
 use crate::vmf_transfer::edges::MeshOptions;
 use crate::vmf_transfer::transfer::{MOST_PATHS, TransferOptions};
 use prelight_manifests::quality::{BvhBuild, Quality, Shades};
+use prelight_manifests::scene::BouncesSection;
 use prelight_manifests::{SceneManifest, Technique as Name};
 use prelight_scene::Scene;
 use prelight_scene::overrides::ObjectKnobs;
@@ -87,6 +89,7 @@ impl Settings {
             visibility: objects.iter().map(|object| object.knobs.visibility).collect(),
             tree,
             techniques: techniques(manifest, objects),
+            bounces: bounces(&manifest.bounces),
             memory,
             engine: Arc::new(Threads::default()),
             rebake: RebakeOptions { layers: objects.iter().map(|object| object.layer).collect(), ..RebakeOptions::default() },
@@ -140,6 +143,17 @@ const EDGE_ERROR: f64 = 25.0;
 const THIN_ERROR: f64 = 1.5;
 /// Norm of a slice below which it needs no accuracy of its own, sr^-½: two hundredths of a wide lobe.
 const SLICE_FLOOR: f64 = 0.02;
+
+/// How bounced light is linked, where it is.
+fn bounces(section: &BouncesSection) -> Option<BounceOptions> {
+    let start = BounceOptions::default();
+    section.enabled.then(|| BounceOptions {
+        rays: section.rays.unwrap_or(start.rays),
+        spacing: section.spacing.map_or(start.spacing, |x| x as f32),
+        cluster_weight: section.cluster_weight.map_or(start.cluster_weight, |x| x as f32),
+        similarity: section.similarity.map_or(start.similarity, |x| x as f32),
+    })
+}
 
 /// The techniques that objects ask for beyond `block_product`.
 fn techniques(manifest: &SceneManifest, objects: &[ObjectKnobs]) -> Vec<Arc<dyn Technique>> {

@@ -88,6 +88,7 @@ fn options(scene: &Scene) -> BakeOptions {
         tree: TreeQuality::Fast,
         memory: 1 << 30,
         techniques: Vec::new(),
+        bounces: None,
         engine: Arc::new(Threads::default()),
         rebake: RebakeOptions::default(),
     }

@@ -63,14 +63,20 @@ fn picture(asset: &Arc<Asset>, camera: &str, light: &str, path: &Path, size: (u3
     let environment = open_environment(asset, light, 0.0, context)?;
     let view = |size| ViewArgs { size, camera: Some(camera.to_string()), eye: None, look_at: None, fov: None };
     let wanted = |size: (u32, u32)| -> Result<Picture, Failure> {
-        Ok(Picture { camera: opened::camera(asset, &view(size))?, size: [size.0 as usize, size.1 as usize], samples: 16, clay: false })
+        Ok(Picture {
+            camera: opened::camera(asset, &view(size))?,
+            size: [size.0 as usize, size.1 as usize],
+            samples: 16,
+            clay: false,
+            direct: false,
+        })
     };
     let mut row = Summary::new();
     let frame = relight(asset, &environment, &wanted(size)?, Accuracy::FINE, &mut row)?.frame;
     write_image(&frame.image, path, automatic_exposure(&frame.image, &frame.mask))?;
     drop(stage);
     let small = wanted(((size.0 / REFERENCE_SHARE).max(1), (size.1 / REFERENCE_SHARE).max(1)))?;
-    let truth = Truth::new(asset, &environment, REFERENCE_SAMPLES, 0).picture(&small, context)?;
+    let truth = Truth::new(asset, &environment, REFERENCE_SAMPLES, None).picture(&small, context)?;
     let small = relight(asset, &environment, &small, Accuracy::FINE, &mut Summary::new())?.frame;
     let metrics = compare(&small.image, &truth.images.image, &truth.images.mask, None, Some([&truth.images.half_a, &truth.images.half_b]))?;
     set_metrics(&mut row, &metrics);

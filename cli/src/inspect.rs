@@ -20,6 +20,7 @@ use prelight_runtime::draw::metrics::compare;
 use prelight_runtime::draw::tonemap::{expose, srgb_from_linear};
 use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{Environment, LightCubemap};
+use prelight_runtime::light::layer::Indirect;
 use prelight_runtime::relight::{Relighter, View};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, HashSet};
@@ -208,6 +209,7 @@ fn clay(asset: &Arc<Asset>, args: &InspectArgs) -> Result<Clay, Failure> {
     let sky = Environment::new(2, 1, vec![[1.0; 3]; 2]);
     let light = LightCubemap::from_environment(&sky, asset.face_resolution());
     let mut relighter = Relighter::new(asset.clone());
+    relighter.set_indirect(Indirect::LeftOut);
     relighter.set_light(&light)?;
     let view = relighter.view(&camera, size, 4)?;
     relighter.shade_diffuse(Some(&view.points))?;
@@ -319,9 +321,9 @@ fn map_error(asset: &Arc<Asset>, args: &InspectArgs, output: &Path, context: &Co
     let environment = open_environment(asset, name, 0.0, context)?;
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
     let mut summary = Summary::new();
-    let picture = Picture { camera, size, samples: 16, clay: false };
+    let picture = Picture { camera, size, samples: 16, clay: false, direct: false };
     let frame = relight(asset, &environment, &picture, Accuracy::FINE, &mut summary)?.frame;
-    let truth = Truth::new(asset, &environment, args.reference, 0).picture(&picture, context)?;
+    let truth = Truth::new(asset, &environment, args.reference, None).picture(&picture, context)?;
     let metrics = compare(&frame.image, &truth.images.image, &truth.images.mask, None, Some([&truth.images.half_a, &truth.images.half_b]))?;
     let look = |image: &Image| expose(image, metrics.exposure as f32);
     let error = flip_map(&look(&frame.image), &look(&truth.images.image));

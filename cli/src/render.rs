@@ -61,9 +61,12 @@ pub struct RenderArgs {
     /// Write only the reference
     #[arg(long, requires = "reference")]
     pub reference_only: bool,
-    /// Bounces of the reference; 0 is direct light, what the bake holds
-    #[arg(long, value_name = "N", default_value_t = 0, requires = "reference", value_parser = clap::value_parser!(u32).range(0..=64))]
-    pub bounces: u32,
+    /// Bounces of the reference; 0 is direct light. What the bake holds unless given: 12 where its light bounces, else 0
+    #[arg(long, value_name = "N", requires = "reference", value_parser = clap::value_parser!(u32).range(0..=64))]
+    pub bounces: Option<u32>,
+    /// Leave light over other surfaces out
+    #[arg(long)]
+    pub direct: bool,
 }
 
 /// `--accuracy`.
@@ -99,7 +102,7 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     let mut summary = Summary::new();
     summary.set("image", args.output.display().to_string());
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
-    let picture = Picture { camera, size, samples: args.samples as usize, clay: args.clay };
+    let picture = Picture { camera, size, samples: args.samples as usize, clay: args.clay, direct: args.direct };
     let relit =
         if args.reference_only { None } else { Some(relight(&asset, &environment, &picture, args.accuracy.accuracy(), &mut summary)?) };
     summary.set("seconds.open", open);
@@ -109,7 +112,8 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     let exposure = args.exposure.map(exposure_from_ev);
     let mut used = exposure;
     if let Some(spp) = args.reference {
-        let tracer = Truth::new(&asset, &environment, spp, args.bounces);
+        let bounces = if args.direct || args.clay { args.bounces.or(Some(0)) } else { args.bounces };
+        let tracer = Truth::new(&asset, &environment, spp, bounces);
         let truth = tracer.picture(&picture, context)?;
         let path = if args.reference_only { args.output.clone() } else { reference_path(&args.output) };
         used = Some(exposure.unwrap_or_else(|| automatic_exposure(&truth.images.image, &truth.images.mask)));
@@ -139,6 +143,8 @@ pub struct Picture {
     pub size: [usize; 2],
     pub samples: usize,
     pub clay: bool,
+    /// Without light over other surfaces.
+    pub direct: bool,
 }
 
 /// A picture drawn from a bake, and what drew it.
@@ -167,7 +173,7 @@ pub fn relight(
     let (light, energy) = LightCubemap::with_energy(environment, asset.face_resolution());
     let mut relighter = Relighter::new(asset.clone());
     // Clay has its own bounces, which nobody baked.
-    relighter.set_indirect(if picture.clay { Indirect::LeftOut } else { Indirect::Added });
+    relighter.set_indirect(if picture.clay || picture.direct { Indirect::LeftOut } else { Indirect::Added });
     relighter.set_accuracy(accuracy);
     // For pictures that are made once; an app with a moving light would wait for the filtered light that it takes.
     if picture.clay || accuracy == Accuracy::FINE {

@@ -51,12 +51,21 @@ pub fn kept_or_traced(
     Ok(kept)
 }
 
+/// Bounces after which what is missing cannot be seen, at the albedos of rooms.
+const MANY_BOUNCES: u32 = 12;
+
+/// Bounces of a reference that has the light that an asset has: many where links were baked, none where light is direct alone.
+pub fn usual_bounces(asset: &Asset) -> u32 {
+    if asset.has_links() { MANY_BOUNCES } else { 0 }
+}
+
 /// Leaves that suit single rays.
 const LEAF_SIZE: usize = 16;
 
 impl<'a> Truth<'a> {
-    /// Prepares references of `samples` paths a pixel.
-    pub fn new(asset: &'a Asset, environment: &'a Environment, samples: u32, bounces: u32) -> Self {
+    /// Prepares references of `samples` paths a pixel. `bounces`: [`usual_bounces`] unless it is said.
+    pub fn new(asset: &'a Asset, environment: &'a Environment, samples: u32, bounces: Option<u32>) -> Self {
+        let bounces = bounces.unwrap_or_else(|| usual_bounces(asset));
         let scene = scene_from_asset(asset);
         let world = World::build(&scene);
         let occluders = Occluders::build(&world, &scene.textures, OccluderOptions { leaf_size: LEAF_SIZE, ..OccluderOptions::default() });

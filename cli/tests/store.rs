@@ -174,20 +174,22 @@ fn what_is_flipped_cut_or_deleted_is_found_by_verify_and_repaired_to_the_same_di
 fn a_lost_visibility_chunk_is_baked_again_by_repair_alone() {
     let folder = room();
     bake(folder.path());
-    let pack = files(folder.path()).into_iter().find(|path| path.extension().is_some_and(|end| end == "pack")).unwrap();
-    let mut bytes = std::fs::read(&pack).unwrap();
-    for entry in prelight_store::pack::parse(&bytes).unwrap() {
-        bytes[entry.range().end as usize - 1] ^= 1;
+    let packs = || files(folder.path()).into_iter().filter(|path| path.extension().is_some_and(|end| end == "pack"));
+    for pack in packs() {
+        let mut bytes = std::fs::read(&pack).unwrap();
+        for entry in prelight_store::pack::parse(&bytes).unwrap() {
+            bytes[entry.range().end as usize - 1] ^= 1;
+        }
+        std::fs::write(&pack, bytes).unwrap();
     }
-    std::fs::write(&pack, bytes).unwrap();
+    let n_packs = packs().count();
     let repaired = run(folder.path(), 0, &["repair"]);
-    assert_eq!(repaired["moved"].as_array().unwrap().len(), 1, "{repaired}");
+    assert_eq!(repaired["moved"].as_array().unwrap().len(), n_packs, "{repaired}");
     assert_eq!((&repaired["assets"][0]["mended"], &repaired["assets"][0]["asset_digest"]), (&true.into(), &digest().into()));
     assert_eq!(run(folder.path(), 0, &["verify"])["found"], 0);
     assert_eq!(bake(folder.path())["tiles"]["baked"], 0, "nothing is left to be baked");
     // A scene that was edited since gives another asset, and repair says so.
-    let pack = files(folder.path()).into_iter().find(|path| path.extension().is_some_and(|end| end == "pack")).unwrap();
-    std::fs::write(pack, b"").unwrap();
+    packs().for_each(|pack| std::fs::write(pack, b"").unwrap());
     std::fs::remove_file(folder.path().join("room.glb")).unwrap();
     let lost = run(folder.path(), 4, &["repair"]);
     assert_eq!(lost["assets"][0]["mended"], false);

@@ -18,6 +18,10 @@ pub enum ChunkKind {
     Visibility,
     /// Light that reaches each point of one patch over other surfaces.
     Transfer,
+    /// From where each point of one patch receives bounced light.
+    Links,
+    /// What the rays of each point of one patch met: a cache of bakes, in no asset.
+    Rows,
     /// Refined triangle mesh of one object.
     Mesh,
     /// Materials of the asset, JSON.
@@ -39,11 +43,13 @@ pub enum ChunkKind {
 }
 
 /// Every kind that this crate lists, with its name.
-const NAMED: [(ChunkKind, &str); 12] = [
+const NAMED: [(ChunkKind, &str); 14] = [
     (ChunkKind::Points, "points"),
     (ChunkKind::Surface, "surface"),
     (ChunkKind::Visibility, "visibility"),
     (ChunkKind::Transfer, "transfer"),
+    (ChunkKind::Links, "links"),
+    (ChunkKind::Rows, "rows"),
     (ChunkKind::Mesh, "mesh"),
     (ChunkKind::Materials, "materials"),
     (ChunkKind::Texture, "texture"),
@@ -103,8 +109,8 @@ impl ChunkKind {
     /// Whether shading or drawing reads the chunk where it lies, so that it is best stored uncompressed. The others are looked at once,
     /// when an asset is opened, or never by an app.
     pub fn is_hot(&self) -> bool {
-        use ChunkKind::{Base, Brdf, Cameras, Image, Materials, Names};
-        !matches!(self, Materials | Cameras | Names | Image | Base | Brdf)
+        use ChunkKind::{Base, Brdf, Cameras, Image, Materials, Names, Rows};
+        !matches!(self, Materials | Cameras | Names | Image | Base | Brdf | Rows)
     }
 }
 

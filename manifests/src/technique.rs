@@ -36,6 +36,9 @@ pub const TECHNIQUES: &[TechniqueInfo] = &[
     },
 ];
 
+/// Kinds of chunks that the patches of any technique may have after its own: what is baked beside it.
+pub const COMMON_FACTORS: &[ChunkKind] = &[ChunkKind::Links];
+
 /// A technique: what stands in an asset for it, and what people read about it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TechniqueInfo {

@@ -27,6 +27,7 @@
 pub mod asset;
 pub mod baseline;
 pub mod block_product;
+pub mod bounces;
 pub mod brdf;
 pub mod camera;
 pub mod chunk;
@@ -44,7 +45,7 @@ pub use camera::{Camera, SceneCamera};
 pub use draw::{Background, Frame, FrameOptions, Image, Style};
 pub use environment::{CleanReport, Environment, LightCubemap, Limits, Splatter, sky, studio};
 pub use error::RuntimeError;
-pub use light::layer::{Highlights, Indirect, Layer, LightOptions};
+pub use light::layer::{Bounces, Highlights, Indirect, Layer, LightOptions};
 pub use light::{Accuracy, PointLobe};
 pub use relight::{Backend, Cpu, LayerFactory, Relighter, Techniques, View};
 pub use surface::{AlphaMode, Material, Model, TextureRef, Wrap};

@@ -17,6 +17,7 @@
 //! [`Relighter::set_material`] changes a surface without a bake.
 
 pub mod backend;
+mod bounced;
 mod cpu;
 mod surfaces;
 mod techniques;
@@ -37,7 +38,7 @@ use crate::draw::shade::Frame;
 use crate::draw::{Background, FrameOptions, Style};
 use crate::environment::LightCubemap;
 use crate::error::RuntimeError;
-use crate::light::layer::{Highlights, Indirect, LightOptions};
+use crate::light::layer::{Bounces, Highlights, Indirect, LightOptions};
 use crate::light::{Accuracy, Glossy};
 use crate::surface::Material;
 use backend::{DrawJob, ShadeJob};
@@ -68,7 +69,7 @@ pub struct View {
 }
 
 impl Relighter {
-    /// Buffers for all points: 80 bytes each, 88 more where the asset has transfer, 52 with highlights, 32 with normal maps, 72 where lights
+    /// Buffers for all points: 80 bytes each, 146 more where light bounces, 88 where the asset has transfer, 52 with highlights, 32 with normal maps, 72 where lights
     /// are changes of each other. An asset may have many relighters.
     pub fn new(asset: impl Into<Arc<Asset>>) -> Self {
         Relighter::with_techniques(asset, Techniques::built_in())
@@ -153,6 +154,18 @@ impl<B: Backend> Relighter<B> {
     pub fn set_indirect(&mut self, indirect: Indirect) {
         self.options.indirect = indirect;
         self.configure();
+    }
+
+    /// How many bounces over baked links are added to direct light; [`Bounces::Settled`] to a thousandth from the start. Without effect where no
+    /// links were baked. With them, the first [`Relighter::shade`] under a light sums direct light at all points, in view or not.
+    pub fn set_bounces(&mut self, bounces: Bounces) {
+        self.options.bounces = bounces;
+        self.configure();
+    }
+
+    /// Share of the mean irradiance that the last bounce changed: how far [`Bounces::Progressive`] is from rest. 0 where nothing bounces.
+    pub fn bounce_change(&self) -> f32 {
+        self.backend.bounce_change(&self.held)
     }
 
     /// Materials as they are now, as the asset numbers them.

@@ -121,7 +121,7 @@ pub(crate) fn read(
         return Ok(resolved);
     }
     if resolved.material.emissive.iter().any(|&e| e > 0.0) {
-        warnings.note("emission is shown, but does not light the scene", at);
+        warnings.note("emission lights the scene by bounces alone: small bright surfaces leave noise", at);
     }
     if json.occlusion_texture.is_some() {
         warnings.note("a baked occlusion texture is left out: occlusion is computed", at);

@@ -35,7 +35,8 @@ fn read(path: &Path, points: u64) -> (Scene, BakeOptions) {
     let world = World::build(&loaded.scene);
     let counts = Counts::new(&loaded.scene, None).unwrap();
     let settings = Settings::resolve(&counts, &input.manifest, &loaded.knobs, &loaded.scene, &world, Some(points), MEMORY).unwrap();
-    (loaded.scene, settings.options)
+    // As it was before light bounced.
+    (loaded.scene, BakeOptions { bounces: None, ..settings.options })
 }
 
 fn check(name: &str, (scene, options): &(Scene, BakeOptions), expected: &str) {

@@ -1,6 +1,7 @@
 //! Counts and times of a bake.
 
 use crate::block_product::visibility::baker::Traced;
+use crate::bounces::BounceWork;
 use crate::budget::ObjectError;
 use crate::factor::Tally;
 use crate::reach::changes::StalePatch;
@@ -30,6 +31,8 @@ pub struct BakeStats {
     pub points_split: u64,
     /// Counts of the factors that techniques add to visibility, by the technique's name.
     pub tallies: BTreeMap<String, Tally>,
+    /// Rays of bounced light: cast by this bake, and all of them where any were looked at.
+    pub bounce_rays: [u64; 2],
     /// Points of objects that were worked on, not taken over whole from an earlier bake.
     pub points_made: u64,
     /// Plain bytes of all chunks that the asset names, each once.
@@ -49,6 +52,12 @@ impl BakeStats {
         self.triangles += u64::from(counts.triangles);
         self.patches += object.patches.len() as u64;
         self.points_split += u64::from(counts.split);
+    }
+
+    /// Counts what links took.
+    pub(super) fn count_bounces(&mut self, work: &BounceWork) {
+        self.bytes_stored += work.bytes_stored;
+        self.bounce_rays = [work.rays_cast, work.rays];
     }
 
     /// A count of a technique's factors; 0 where nothing was counted.

@@ -13,6 +13,7 @@ use crate::reach::key::Hasher;
 use crate::reach::pieces::Pieces;
 use crate::reach::shaft::Bounds;
 use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
+use std::collections::BTreeSet;
 
 /// All pieces of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -121,6 +122,21 @@ impl Snapshot {
     /// Where the triangles of a piece of this snapshot are found again.
     pub(crate) fn source(&self, piece: &SnapshotPiece) -> Option<&Source> {
         self.sources.get(piece.source as usize)
+    }
+
+    /// Whether the objects that two scenes share stand in one order in both, which decides between hits at one distance.
+    pub(crate) fn keeps_order(&self, now: &Snapshot) -> bool {
+        let name = |source: &Source| (source.base.digest, source.world_from_local.map(f64::to_bits));
+        let [then, now] = [self, now].map(|snapshot| {
+            let is_known = snapshot.pieces.iter().all(|piece| piece.source != NO_SOURCE);
+            is_known.then(|| snapshot.sources.iter().map(name).collect::<Vec<_>>())
+        });
+        let (Some(then), Some(now)) = (then, now) else { return false };
+        let shared = |of: &[_], other: &[_]| {
+            let other: BTreeSet<_> = other.iter().copied().collect();
+            of.iter().copied().filter(|source| other.contains(source)).collect::<Vec<_>>()
+        };
+        shared(&then, &now) == shared(&now, &then)
     }
 
     /// Pieces that only one of two scenes has, as often as the other lacks them: what is gone since this one, and what `now` has instead.

@@ -11,7 +11,7 @@
 //! - Clay: Lambert [`prelight_runtime::draw::shade::CLAY_ALBEDO`] on both sides, no textures, normal maps or emission, opacity kept.
 //! - Numbers come from (seed, pixel, sample): the picture does not depend on threads.
 //!
-//! Lossy: f32 rays; Monte Carlo noise, which the two half-sample images measure. Emissive surfaces light nothing. The bake's surface
+//! Lossy: f32 rays; Monte Carlo noise, which the two half-sample images measure. Emissive surfaces are found by chance: small ones are noisy. The bake's surface
 //! averages (roughness over a footprint) are not applied: the reference reads the material at the hit.
 
 mod path;

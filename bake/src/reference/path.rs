@@ -6,12 +6,13 @@
 //!
 //! or with direct light by [`super::resample`], or, for comparison, by one strategy.
 //!
-//! V is n_s·l > 0 and nothing in the way; f is taken about the mapped normal. Emission is seen, not transported. The back of a
+//! V is n_s·l > 0 and nothing in the way; f is taken about the mapped normal. Emission counts wherever a path meets it, an unlit surface's to the
+//! eye alone. The back of a
 //! single-sided surface is passed by the camera and black to every other ray. Roulette from the 4th bounce by the largest channel of
 //! the throughput, at most 0.95.
 
 use super::Strategy;
-use crate::trace::hit::{Met, Shading, Surfaces};
+use crate::trace::hit::{Met, Reflection, Shading, Surfaces};
 use crate::trace::sequence::{Sequence, narrow};
 use crate::trace::{Hit, Occluders};
 use prelight_runtime::environment::{Environment, EnvironmentSampler};
@@ -174,6 +175,9 @@ impl Tracer<'_> {
             }
             shading = self.surfaces.shade(&met);
             view = l.map(|c| -c);
+            if !matches!(shading.reflection, Reflection::Unlit) {
+                radiance = add(radiance, multiply(throughput, shading.emissive, 1.0));
+            }
         }
         radiance
     }

@@ -42,6 +42,7 @@ mod tree;
 pub use occluders::{OccluderOptions, Occluders, Scratch, TreeQuality};
 pub use predicate::open_texels_by_brute_force;
 pub use prelight_runtime::light::SimdPath;
+pub(crate) use ray::BEYOND;
 pub use ray::Hit;
 
 /// Where a point's visibility is traced from.

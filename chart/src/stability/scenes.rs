@@ -100,6 +100,7 @@ pub fn options(scene: &Scene, edge_length: f32) -> BakeOptions {
         tree: TreeQuality::Medium,
         memory: 4 << 30,
         techniques: Vec::new(),
+        bounces: None,
         engine: Arc::new(Threads::default()),
         rebake: Default::default(),
     }

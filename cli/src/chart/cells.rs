@@ -104,9 +104,10 @@ impl Chart<'_> {
     /// The reference of a cell, from the store or traced.
     fn reference<'a>(&'a self, light: &'a ChartLight, view: &ChartView, truth: &mut Option<Truth<'a>>) -> Result<KeptReference, Failure> {
         kept_or_traced(self.store, self.key(light, view, &[]), self.args.size(), || {
-            let truth = truth.get_or_insert_with(|| Truth::new(self.cells.asset, &light.environment, self.args.reference, self.bounces()));
+            let truth =
+                truth.get_or_insert_with(|| Truth::new(self.cells.asset, &light.environment, self.args.reference, Some(self.bounces())));
             truth.picture(
-                &Picture { camera: view.camera, size: self.args.size(), samples: self.args.samples as usize, clay: false },
+                &Picture { camera: view.camera, size: self.args.size(), samples: self.args.samples as usize, clay: false, direct: false },
                 self.context,
             )
         })
@@ -154,9 +155,9 @@ impl Chart<'_> {
         const SAMPLES: u32 = 2;
         let (width, height) = self.args.size;
         let small = [(width / SHARE).max(1), (height / SHARE).max(1)];
-        let probe = Truth::new(self.cells.asset, &light.environment, SAMPLES, self.bounces());
+        let probe = Truth::new(self.cells.asset, &light.environment, SAMPLES, Some(self.bounces()));
         let size = small.map(|side| side as usize);
-        let traced = probe.picture(&Picture { camera: view.camera, size, samples: 1, clay: false }, self.context)?;
+        let traced = probe.picture(&Picture { camera: view.camera, size, samples: 1, clay: false, direct: false }, self.context)?;
         let pixels = f64::from(width * height) / f64::from(small[0] * small[1]);
         let reference = traced.seconds * pixels * f64::from(self.args.reference.max(SAMPLES)) / f64::from(SAMPLES);
         Ok(reference + self.cells.shading_seconds(light, view, picture, self.context.jobs))

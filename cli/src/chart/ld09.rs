@@ -146,7 +146,7 @@ struct Ld09<'a> {
 impl Ld09<'_> {
     fn picture(&self, view: &ChartView) -> Picture {
         let size = [self.args.size.0 as usize, self.args.size.1 as usize];
-        Picture { camera: view.camera, size, samples: self.args.samples as usize, clay: false }
+        Picture { camera: view.camera, size, samples: self.args.samples as usize, clay: false, direct: false }
     }
 
     /// Figures of an asset in every view under every light; pictures of them if they are wanted.
@@ -227,7 +227,9 @@ impl Ld09<'_> {
         let [width, height] = picture.size;
         hasher.update(format!("ld09 {width} {height} {} {} {ALGORITHM_VERSION}", self.args.reference, bounces).as_bytes());
         kept_or_traced(self.store, Digest(*hasher.finalize().as_bytes()), picture.size, || {
-            truth.get_or_insert_with(|| Truth::new(asset, &light.environment, self.args.reference, bounces)).picture(&picture, self.context)
+            truth
+                .get_or_insert_with(|| Truth::new(asset, &light.environment, self.args.reference, Some(bounces)))
+                .picture(&picture, self.context)
         })
     }
 

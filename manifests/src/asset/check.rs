@@ -1,6 +1,7 @@
 //! What must hold in an asset manifest beyond its types, and errors that name the field where it does not.
 
 use super::{AssetManifest, AssetObject, AssetPatch, format_1};
+use crate::technique::COMMON_FACTORS;
 use crate::{ChunkKind, Descriptor, ManifestError, TechniqueInfo, Techniques};
 use std::collections::BTreeSet;
 use std::fmt::Display;
@@ -84,7 +85,10 @@ impl Checker<'_> {
         }
         self.kind(&format!("{field}.points"), &patch.points, ChunkKind::Points)?;
         self.kind(&format!("{field}.surface"), &patch.surface, ChunkKind::Surface)?;
-        let (found, expected): (Vec<ChunkKind>, _) = (patch.factors.iter().map(|factor| factor.kind).collect(), technique.factors);
+        let (mut found, expected): (Vec<ChunkKind>, _) = (patch.factors.iter().map(|factor| factor.kind).collect(), technique.factors);
+        if found.len() > expected.len() && found[expected.len()..] == *COMMON_FACTORS {
+            found.truncate(expected.len());
+        }
         let Some(index) = (0..found.len().max(expected.len())).find(|i| found.get(*i) != expected.get(*i)) else { return Ok(()) };
         let (found, wanted) = (found.get(index), expected.get(index));
         let place = match (self.format, format_1::FACTORS.get(index)) {

@@ -107,6 +107,13 @@ pub fn check(manifest: &SceneManifest, file: &str, text: &str, techniques: &Tech
         let what = format!("`bounces` is {old} in [bake] and {new} in [bake.vmf_transfer]");
         return Err(checker.unsupported("bake.bounces", &what, "keep the one in [bake.vmf_transfer]"));
     }
+    let bounces = &manifest.bounces;
+    if let Some(rays) = bounces.rays.filter(|rays| !(32..=255).contains(rays)) {
+        return Err(checker.range("bounces.rays", rays, "32..=255"));
+    }
+    checker.within("bounces.spacing", bounces.spacing, 0.0, 0.5)?;
+    checker.within("bounces.cluster_weight", bounces.cluster_weight, 0.0, 1.0)?;
+    checker.within("bounces.similarity", bounces.similarity, 0.0, 1.0)?;
     check_materials(manifest, &checker)?;
     for (i, rule) in manifest.object.iter().enumerate() {
         checker.not_empty(&format!("object[{i}].match"), &rule.pattern)?;

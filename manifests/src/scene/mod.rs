@@ -26,7 +26,8 @@ pub mod sections;
 pub mod template;
 
 pub use sections::{
-    AlphaModeName, BakeSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, ScenePart, SceneSource, VmfTransferSection,
+    AlphaModeName, BakeSection, BouncesSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, ScenePart, SceneSource,
+    VmfTransferSection,
 };
 
 use crate::{ManifestError, Techniques, version};
@@ -49,6 +50,9 @@ pub struct SceneManifest {
     /// How the scene is baked.
     #[serde(default)]
     pub bake: BakeSection,
+    /// Light over other surfaces.
+    #[serde(default)]
+    pub bounces: BouncesSection,
     /// Changes to materials; where several rules match, the last one that sets a value wins.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub material: Vec<MaterialRule>,
@@ -112,6 +116,7 @@ impl SceneManifest {
             scene: SceneSource { gltf: Some(path.to_string()), ..SceneSource::default() },
             environment: Vec::new(),
             bake: BakeSection::default(),
+            bounces: BouncesSection::default(),
             material: Vec::new(),
             object: Vec::new(),
             limits: Limits::default(),

@@ -138,6 +138,43 @@ pub struct VmfTransferSection {
     pub bounces: Option<u32>,
 }
 
+/// `[bounces]`: light that reaches a surface over others, at run time, whatever the technique.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BouncesSection {
+    /// Whether links between surfaces are baked, so that light bounces.
+    #[serde(default = "BouncesSection::is_usual")]
+    pub enabled: bool,
+    /// Rays of a point that gathers, 32 to 255; 64 unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 32, max = 255))]
+    pub rays: Option<u32>,
+    /// How far apart points that gather lie, as a share of how far they see, 0 to 0.5: 0 lets every point gather; 0.05 unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 0.5))]
+    pub spacing: Option<f64>,
+    /// Share of a point's rays that one cluster of points may stand for, 0 to 1; 0.05 unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub cluster_weight: Option<f64>,
+    /// How much the views of points of one cluster may differ, 0 to 1; 0.5 unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub similarity: Option<f64>,
+}
+
+impl Default for BouncesSection {
+    fn default() -> Self {
+        BouncesSection { enabled: Self::is_usual(), rays: None, spacing: None, cluster_weight: None, similarity: None }
+    }
+}
+
+impl BouncesSection {
+    fn is_usual() -> bool {
+        true
+    }
+}
+
 impl VmfTransferSection {
     fn is_default(&self) -> bool {
         *self == Self::default()
@@ -180,7 +217,7 @@ pub struct MaterialRule {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub metallic: Option<f64>,
-    /// Emitted linear radiance, 0 or more. Shown, not transported.
+    /// Emitted linear radiance, 0 or more. Lights the scene where light bounces.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub emissive: Option<[f64; 3]>,
     /// What alpha does.

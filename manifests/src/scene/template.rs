@@ -68,6 +68,11 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 {shades}
 # bvh = "medium"             # fast | medium | slow to build; changes no bit of the result
 
+# Light over other surfaces, added at run time; colours and lights change without a bake.
+# [bounces]
+# enabled = true             # false: direct light alone
+# rays = 64                  # of a point that gathers; 128 for less noise
+
 # Knobs of vmf_transfer alone.
 # [bake.vmf_transfer]
 # bounces = 1                # surfaces between a point and the environment

@@ -6,6 +6,7 @@
 use super::options::OpenOptions;
 use super::proof::PatchFacts;
 use crate::block_product::visibility::Visibility;
+use crate::bounces::{self, Links, PatchInput, Solver};
 use crate::brdf::Measured;
 use crate::camera::SceneCamera;
 use crate::chunk::base::{self, BasePrimitive};
@@ -19,6 +20,7 @@ use crate::vmf_transfer::Transfer;
 use prelight_manifests::{AssetManifest, ChunkKind, Descriptor, Digest};
 use prelight_store::{Chunk, ChunkSource};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// A bake, ready to be lit.
 #[derive(Debug)]
@@ -30,6 +32,8 @@ pub struct Asset {
     tables: Vec<Measured>,
     objects: Vec<AssetObject>,
     patches: Vec<AssetPatch>,
+    /// First nodes of the patches that links of bounced light name; empty where there are none.
+    link_targets: Arc<[u32]>,
 }
 
 /// An object of an open asset.
@@ -112,8 +116,11 @@ impl Asset {
         #[cfg(not(feature = "parallel"))]
         patches.extend(wanted.iter().map(open));
         let patches = patches.into_iter().collect::<Result<Vec<AssetPatch>, RuntimeError>>()?;
-        let asset = Asset { materials, cameras, textures, tables, objects, patches, manifest };
+        let mut asset = Asset { materials, cameras, textures, tables, objects, patches, manifest, link_targets: Arc::new([]) };
         asset.check_references()?;
+        if asset.has_links() {
+            asset.link_targets = bounces::solve::resolve(&asset.bounce_inputs(), &asset.points_digests())?.into();
+        }
         Ok(asset)
     }
 
@@ -165,6 +172,26 @@ impl Asset {
     /// Whether light over other surfaces was baked for any patch.
     pub(crate) fn has_transfer(&self) -> bool {
         self.patches.iter().any(|patch| patch.factor(ChunkKind::Transfer).is_some())
+    }
+
+    /// Whether links of bounced light were baked for any patch.
+    pub fn has_links(&self) -> bool {
+        self.patches.iter().any(|patch| patch.factor(ChunkKind::Links).is_some())
+    }
+
+    /// A solver of bounced light; `None` where no links were baked.
+    pub(crate) fn bounce_solver(&self) -> Option<Solver> {
+        self.has_links().then(|| Solver::new(&self.bounce_inputs(), self.link_targets.clone()))
+    }
+
+    fn bounce_inputs(&self) -> Vec<PatchInput<'_>> {
+        self.patches.iter().map(AssetPatch::bounce_input).collect()
+    }
+
+    /// `[patches]` first half of the digest of each points chunk.
+    fn points_digests(&self) -> Vec<[u8; 16]> {
+        let patches = self.manifest.content.objects.iter().flat_map(|object| &object.patches);
+        patches.map(|patch| std::array::from_fn(|i| patch.points.digest.0[i])).collect()
     }
 
     /// Refined triangles of an object.
@@ -257,7 +284,7 @@ impl AssetPatch {
 
     /// Where its points are.
     pub fn points(&self) -> Points<'_> {
-        Points::from_chunk(&self.points_chunk).expect(PROVEN)
+        Points::from_proven_chunk(&self.points_chunk)
     }
 
     /// Averaged material parameters of its points.
@@ -278,6 +305,14 @@ impl AssetPatch {
     /// What reaches its points over other surfaces, where that was baked.
     pub fn transfer(&self) -> Option<Transfer<'_>> {
         self.factor(ChunkKind::Transfer).map(Transfer::from_proven_chunk)
+    }
+
+    /// What solving bounced light reads.
+    pub(crate) fn bounce_input(&self) -> PatchInput<'_> {
+        PatchInput {
+            points: Points::from_proven_chunk(&self.points_chunk),
+            links: self.factor(ChunkKind::Links).map(Links::from_proven_chunk),
+        }
     }
 
     /// What its points see.

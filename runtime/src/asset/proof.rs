@@ -3,6 +3,7 @@
 //! The table at the end is the one place in `asset` that names techniques; [`super::OpenOptions::proof`] adds to it.
 
 use crate::block_product::visibility::Visibility;
+use crate::bounces::Links;
 use crate::error::RuntimeError;
 use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use crate::vmf_transfer::Transfer;
@@ -31,14 +32,19 @@ pub(super) fn built_in() -> Vec<(ChunkKind, Proof)> {
         let found = Transfer::from_chunk(bytes, solid)?.len();
         agrees("transfer", found == patch.n_points, "holds another number of points than the manifest says")
     };
-    let (visibility, transfer): (Proof, Proof) = (Arc::new(visibility), Arc::new(transfer));
-    vec![(ChunkKind::Visibility, visibility), (ChunkKind::Transfer, transfer)]
+    let (visibility, transfer, links): (Proof, Proof, Proof) = (Arc::new(visibility), Arc::new(transfer), Arc::new(links));
+    vec![(ChunkKind::Visibility, visibility), (ChunkKind::Transfer, transfer), (ChunkKind::Links, links)]
 }
 
 fn visibility(bytes: &[u8], patch: PatchFacts) -> Result<(), RuntimeError> {
     let found = Visibility::from_chunk(bytes)?;
     let fits = found.len() == patch.n_points && found.face_resolution() == patch.face_resolution;
     agrees("visibility", fits, "holds another number of points or of texels than the manifest says")
+}
+
+fn links(bytes: &[u8], patch: PatchFacts) -> Result<(), RuntimeError> {
+    let found = Links::from_chunk(bytes)?.len();
+    agrees("links", found == patch.n_points, "holds another number of points than the manifest says")
 }
 
 fn agrees(kind: &'static str, fits: bool, what: &str) -> Result<(), RuntimeError> {

@@ -87,12 +87,15 @@ pub struct LightOptions {
     pub indirect: Indirect,
     /// Direct highlights between points.
     pub highlights: Highlights,
+    /// Bounces over baked links.
+    pub bounces: Bounces,
 }
 
 impl Default for LightOptions {
-    /// [`Accuracy::FINE`], indirect light added, highlights interpolated.
+    /// [`Accuracy::FINE`], indirect light added, highlights interpolated, bounces until they no longer matter.
     fn default() -> Self {
-        LightOptions { accuracy: Accuracy::FINE, indirect: Indirect::Added, highlights: Highlights::Interpolated }
+        let (indirect, highlights, bounces) = (Indirect::Added, Highlights::Interpolated, Bounces::default());
+        LightOptions { accuracy: Accuracy::FINE, indirect, highlights, bounces }
     }
 }
 
@@ -103,6 +106,27 @@ pub enum Indirect {
     Added,
     /// It is left out.
     LeftOut,
+}
+
+/// How many bounces are added to direct light, where links were baked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Bounces {
+    /// None: direct light alone.
+    Off,
+    /// So many.
+    Steps(u32),
+    /// As many as it takes until one more changes the mean irradiance by less than this share, at most 64, from no bounced light at all: the same
+    /// picture whatever was shown before.
+    Settled(f32),
+    /// One more step at every call, from the bounced light of the light before: for lights that move.
+    Progressive,
+}
+
+impl Default for Bounces {
+    /// Settled to a thousandth.
+    fn default() -> Self {
+        Bounces::Settled(1e-3)
+    }
 }
 
 /// Where direct light on curved glossy surfaces comes from between points.

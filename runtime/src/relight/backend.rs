@@ -47,6 +47,12 @@ pub trait Backend {
     /// The device's.
     fn shade(&self, held: &mut Self::Asset, job: &ShadeJob) -> Result<usize, RuntimeError>;
 
+    /// Share of the mean irradiance that the last step of bounced light changed: 0 where there is none.
+    fn bounce_change(&self, held: &Self::Asset) -> f32 {
+        let _ = held;
+        0.0
+    }
+
     /// Draws with the light at points as it is.
     ///
     /// # Errors

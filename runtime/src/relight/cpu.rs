@@ -1,6 +1,7 @@
 //! Light at the points of an asset, summed by layers on the CPU.
 
 use super::backend::{Backend, DrawJob, ShadeJob};
+use super::bounced::Bounced;
 use super::techniques::Techniques;
 use super::work::{Lit, Part, Rest, Work};
 use crate::asset::Asset;
@@ -59,6 +60,10 @@ impl Backend for Cpu {
         Ok(held.shade(job))
     }
 
+    fn bounce_change(&self, held: &CpuAsset) -> f32 {
+        held.bounced.as_ref().map_or(0.0, |bounced| bounced.change)
+    }
+
     fn draw(&self, held: &CpuAsset, job: &DrawJob) -> Result<Frame, RuntimeError> {
         self.scene(held, job, |scene| draw_visible(scene, &job.view.visibility))
     }
@@ -82,6 +87,8 @@ pub struct CpuAsset {
     flags: Vec<u32>,
     /// `[patches]`
     lit: Vec<Lit>,
+    /// Bounced light, where links were baked.
+    bounced: Option<Bounced>,
 }
 
 impl CpuAsset {
@@ -100,12 +107,17 @@ impl CpuAsset {
             glossy_rows: Vec::new(),
             flags,
             lit: vec![Lit::No; asset.patches().len()],
+            bounced: Bounced::new(asset),
         }
     }
 
     /// Takes options, at once for a light that is there.
     fn configure(&mut self, options: &LightOptions, light: Option<&LightCubemap>) {
-        if self.layers.configure(options, light) {
+        let was_on = self.bounced.as_ref().is_some_and(Bounced::is_on);
+        self.bounced.iter_mut().for_each(|bounced| bounced.configure(options));
+        // Direct light lies in another buffer where bounced light is added.
+        let is_moved = was_on != self.bounced.as_ref().is_some_and(Bounced::is_on);
+        if self.layers.configure(options, light) || is_moved {
             self.lit.fill(Lit::No);
         }
         self.fit_rows();
@@ -131,14 +143,29 @@ impl CpuAsset {
         self.glossy_rows.resize(glossy, 0.0);
     }
 
-    /// Light at points for an eye, or diffuse light alone; returns at how many.
+    /// Light at points for an eye, or diffuse light alone; returns at how many. With bounced light, direct light is summed at all points first.
     fn shade(&mut self, job: &ShadeJob) -> usize {
-        let ShadeJob { asset, surfaces, eye, wanted } = *job;
-        if surfaces.has_coat() {
+        if job.surfaces.has_coat() {
             self.coat.resize(self.irradiance.len(), [0.0; 3]);
         }
+        let Some(mut bounced) = self.bounced.take_if(|bounced| bounced.is_on()) else { return self.run(job, None) };
+        let is_relit = self.lit.iter().any(|lit| *lit != Lit::Now);
+        if is_relit {
+            std::mem::swap(&mut self.irradiance, &mut bounced.direct);
+            self.run(&ShadeJob { eye: None, wanted: None, ..*job }, None);
+            std::mem::swap(&mut self.irradiance, &mut bounced.direct);
+        }
+        bounced.update(job.asset, job.surfaces, is_relit, &mut self.irradiance);
+        let shaded = self.run(job, Some(&bounced));
+        self.bounced = Some(bounced);
+        shaded
+    }
+
+    /// Sums what layers say of the patches that hold wanted points.
+    fn run(&mut self, job: &ShadeJob, bounced: Option<&Bounced>) -> usize {
+        let ShadeJob { asset, surfaces, eye, wanted } = *job;
         let [diffuse, glossy] = self.layers.row_lengths();
-        let work = Work { layers: &self.layers, surfaces, eye, wanted };
+        let work = Work { layers: &self.layers, surfaces, eye, wanted, bounced };
         work.run(Part {
             patches: asset.patches(),
             lit: Rest::new(&mut self.lit),

@@ -16,15 +16,22 @@ pub struct Surfaces {
     tables: Vec<Measured>,
     /// `[points]`, or empty while no material needs them.
     details: Vec<Detail>,
+    /// Counts changes.
+    edition: u64,
 }
 
 impl Surfaces {
     /// Those of an asset.
     pub(super) fn new(asset: &Asset) -> Self {
         let (materials, tables) = (asset.materials().to_vec(), asset.tables().to_vec());
-        let mut surfaces = Surfaces { baked: materials.clone(), materials, tables, details: Vec::new() };
+        let mut surfaces = Surfaces { baked: materials.clone(), materials, tables, details: Vec::new(), edition: 0 };
         surfaces.fill_details(asset, None);
         surfaces
+    }
+
+    /// Another number after every change.
+    pub(super) fn edition(&self) -> u64 {
+        self.edition
     }
 
     /// Materials as they are now, as the asset numbers them.
@@ -122,6 +129,7 @@ impl Surfaces {
             return Err(error("its measured table is not there: add_table comes first"));
         }
         self.materials[index] = material;
+        self.edition += 1;
         self.fill_details(asset, Some(index));
         Ok(())
     }

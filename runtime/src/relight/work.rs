@@ -1,5 +1,6 @@
 //! Light at points, patch by patch, on all threads.
 
+use super::bounced::{Bounced, add_glossy};
 use super::surfaces::Surfaces;
 use crate::asset::AssetPatch;
 use crate::brdf::surface::COAT_F0;
@@ -8,6 +9,7 @@ use crate::light::layer::{Diffuse, Held, Patch, Sight};
 use crate::light::lune::BentLight;
 use crate::light::{Glossy, Layers, PointLobe};
 use crate::surface::detail::is_bent;
+use prelight_manifests::ChunkKind;
 
 /// Patches that are not worth splitting: about a millisecond.
 const GRAIN: usize = 8;
@@ -20,6 +22,8 @@ pub(super) struct Work<'a> {
     /// `None`: diffuse light alone.
     pub eye: Option<[f32; 3]>,
     pub wanted: Option<&'a [bool]>,
+    /// Bounced light that lobes reflect.
+    pub bounced: Option<&'a Bounced>,
 }
 
 /// Which light the irradiance of a patch is of.
@@ -134,9 +138,23 @@ impl Work<'_> {
             let lobes = &mut lobes[..seen.len()];
             lobes.iter_mut().enumerate().for_each(|(i, lobe)| *lobe = self.surfaces.lobe(&seen.surfaces, i, first + i));
             self.layers.glossy(&seen, &Sight { eye, lobes }, part.glossy_rows.elements, part.glossy.elements);
+            if let Some(bounced) = self.bounced {
+                self.reflect(&seen, &Sight { eye, lobes }, bounced.of(patch.points.clone()), part.glossy.elements);
+            }
             if !part.coat.elements.is_empty() {
                 self.coat(&seen, first, eye, part.coat.elements);
             }
+        }
+    }
+
+    /// Adds what lobes reflect of bounced light, where no transfer says it better.
+    fn reflect(&self, patch: &Patch, sight: &Sight, bounced: &[[[f32; 3]; 3]], glossy: &mut [Glossy]) {
+        if patch.factor(ChunkKind::Transfer).is_some() {
+            return;
+        }
+        for (i, glossy) in glossy.iter_mut().enumerate() {
+            let view = toward(patch.points.position[i], sight.eye);
+            add_glossy(&bounced[i], patch.points.normal[i], &sight.lobes[i], view, glossy);
         }
     }
 
@@ -166,6 +184,13 @@ impl Work<'_> {
             *coat = std::array::from_fn(|k| COAT_F0 * base[k] + rest[k]);
         }
     }
+}
+
+/// Unit direction from a point to the eye.
+fn toward(position: [f32; 3], eye: [f32; 3]) -> [f32; 3] {
+    let away: [f32; 3] = std::array::from_fn(|k| eye[k] - position[k]);
+    let length = away.iter().map(|x| x * x).sum::<f32>().sqrt().max(f32::MIN_POSITIVE);
+    away.map(|x| x / length)
 }
 
 #[cfg(feature = "parallel")]

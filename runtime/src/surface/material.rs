@@ -100,7 +100,7 @@ pub struct Material {
     pub roughness: f32,
     /// Linear: G is roughness, B is metalness, times the factors.
     pub metallic_roughness_texture: Option<TextureRef>,
-    /// Emitted radiance; shown, not transported.
+    /// Emitted radiance; lights other surfaces where light bounces.
     pub emissive: [f32; 3],
     /// sRGB, times `emissive`.
     pub emissive_texture: Option<TextureRef>,

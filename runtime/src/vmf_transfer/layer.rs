@@ -8,7 +8,7 @@ use super::pixel::{EyeLobes, move_lobes};
 use super::shade::{add_glossy_at, add_irradiance};
 use super::{FilteredLight, Transfer};
 use crate::environment::LightCubemap;
-use crate::light::layer::{Corners, Diffuse, Held, Highlights, Indirect, Layer, LightOptions, Patch, Remembered, Rows, Sight};
+use crate::light::layer::{Bounces, Corners, Diffuse, Held, Highlights, Indirect, Layer, LightOptions, Patch, Remembered, Rows, Sight};
 use crate::light::{Glossy, PointLobe};
 use crate::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
 use bytemuck::{bytes_of, cast_slice, from_bytes};
@@ -27,13 +27,14 @@ pub(crate) struct VmfTransfer {
     light: Option<FilteredLight>,
     indirect: Indirect,
     highlights: Highlights,
+    bounces: Bounces,
 }
 
 impl VmfTransfer {
     /// A layer for an asset with transfer or without; without, it is there for highlights alone.
     pub(crate) fn new(has_transfer: bool) -> Self {
-        let LightOptions { indirect, highlights, .. } = LightOptions::default();
-        VmfTransfer { solid: has_transfer.then(|| Icosahedron::new(MAX_LEVEL)), light: None, indirect, highlights }
+        let LightOptions { indirect, highlights, bounces, .. } = LightOptions::default();
+        VmfTransfer { solid: has_transfer.then(|| Icosahedron::new(MAX_LEVEL)), light: None, indirect, highlights, bounces }
     }
 
     fn is_wanted(&self) -> bool {
@@ -59,8 +60,8 @@ impl Layer for VmfTransfer {
     }
 
     fn configure(&mut self, options: &LightOptions, light: Option<&LightCubemap>) -> bool {
-        let anew = self.solid.is_some() && self.indirect != options.indirect;
-        (self.indirect, self.highlights) = (options.indirect, options.highlights);
+        let anew = self.solid.is_some() && (self.indirect, self.bounces) != (options.indirect, options.bounces);
+        (self.indirect, self.highlights, self.bounces) = (options.indirect, options.highlights, options.bounces);
         match light.filter(|_| self.is_wanted()) {
             Some(light) if self.light.is_none() => self.light = Some(FilteredLight::prepare(light)),
             Some(_) => {}
@@ -74,7 +75,9 @@ impl Layer for VmfTransfer {
     }
 
     fn diffuse(&self, patch: &Patch, _: Held, _: &mut Rows, out: &mut Diffuse) {
-        if let Some((light, _, transfer)) = self.indirect(patch) {
+        // What links bring is the same light, with albedo that can be edited.
+        let has_links = self.bounces != Bounces::Off && patch.factor(ChunkKind::Links).is_some();
+        if let Some((light, _, transfer)) = self.indirect(patch).filter(|_| !has_links) {
             let (irradiance, second) = out.sums();
             add_irradiance(light, &transfer, patch.points.normal, irradiance, second);
         }

@@ -94,5 +94,8 @@ fn what_is_written_is_what_is_read() {
     let axis: Vec<f32> = (0..3).map(|i| found.look_at[i] - found.eye[i]).collect();
     assert!((axis[0] - axis[2]).abs() < 1e-5 && axis[0] < 0.0 && axis[1].abs() < 1e-6, "{axis:?}");
     assert_eq!(scene.extras, json!({ "scene": { "bake": 7 } }));
-    assert_eq!(scene.warnings, ["emission is shown, but does not light the scene (1, first: materials[0] \"Everything\")"]);
+    assert_eq!(
+        scene.warnings,
+        ["emission lights the scene by bounces alone: small bright surfaces leave noise (1, first: materials[0] \"Everything\")"]
+    );
 }
