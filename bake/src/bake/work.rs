@@ -6,6 +6,7 @@ use crate::block_product::visibility::baker::{PatchTask, VisibilityBaker, Visibi
 use crate::block_product::visibility::border::{Breaks, Seen};
 use crate::block_product::visibility::difference::{OpenBits, is_same};
 use crate::budget::{ObjectError, PLACES, PlaceSet, Places, Probes, measure_baked};
+use crate::engine::RoundFactor;
 use crate::error::BakeError;
 use crate::factor::plain::{Plain, PlainRound};
 use crate::factor::{FactorRound, PatchChunk};
@@ -172,14 +173,20 @@ impl ObjectWork {
     /// Bakes what the object's technique adds to visibility: for patches that are new, and those whose averages the last split has changed.
     pub(crate) fn bake_factors(&mut self, of: &Context, stats: &mut BakeStats) -> Result<(), BakeError> {
         let Some(technique) = of.technique_of(self.plan.object).filter(|_| self.surfaces.is_none()) else { return Ok(()) };
-        let surfaces = point_surfaces(of.scene, &self.plan);
+        let surfaces = point_surfaces(of.scene, &self.plan).with_details(of.scene, &self.plan);
+        let edge_length = of.options.points[self.plan.object as usize].edge_length;
         let factors = technique.factors.object(&self.plan, &surfaces);
         self.factors.resize_with(factors.len(), Vec::new);
-        for (factor, done) in factors.iter().zip(&mut self.factors) {
+        for ((index, factor), done) in factors.iter().enumerate().zip(&mut self.factors) {
             let patches = &self.plan.patches;
             let is_stale = |index: &usize| done.get(*index).is_none_or(|done| done.kept.key != Some(factor.key(&patches[*index])));
             let stale: Vec<usize> = (0..patches.len()).filter(is_stale).collect();
-            let round = PlainRound { factor: &**factor, patches: stale.iter().map(|index| &patches[*index]).collect() };
+            let round = PlainRound {
+                of: RoundFactor { technique: technique.name, index },
+                object: (&self.plan, edge_length, &surfaces),
+                factor: &**factor,
+                patches: stale.iter().map(|index| &patches[*index]).collect(),
+            };
             let points = round.patches.iter().map(|patch| u64::from(patch.n_points)).sum();
             let _stage = Stage::begin(of.progress, "transfer", Some(points), "points");
             let (made, bytes_stored) = FactorRound::new(&round, of.store, of.progress).bake(&*of.options.engine)?;

@@ -1,10 +1,13 @@
 //! Factors whose record is found by one key and taken as it is: all but visibility, whose tiles are found one by one.
 
 use super::{Baked, Candidates, Factor, LoadChunk, Made, PatchChunk, Source, Tally};
+use crate::engine::RoundFactor;
 use crate::error::BakeError;
-use crate::points::Patch;
+use crate::points::surface::ObjectSurfaces;
+use crate::points::{ObjectPlan, Patch, bare};
 use prelight_manifests::{ChunkKind, Digest};
 use prelight_store::Chunk;
+use std::ops::Range;
 
 /// What is kept of a patch: its record's data, and what making it took.
 #[derive(Clone, Debug, Default)]
@@ -45,6 +48,10 @@ pub trait ObjectFactor: Sync {
 
 /// Some patches of an object, to be baked in a round.
 pub(crate) struct PlainRound<'a> {
+    /// Which factor of which technique it is.
+    pub of: RoundFactor<'a>,
+    /// The object, its edge length in metres, and its averages.
+    pub object: (&'a ObjectPlan, f32, &'a ObjectSurfaces),
     /// What is baked.
     pub factor: &'a dyn ObjectFactor,
     /// The patches.
@@ -56,6 +63,21 @@ impl<'a> Factor for PlainRound<'a> {
     type Row = Vec<u8>;
     type Scratch = ();
     type Kept = Plain;
+
+    fn factor(&self) -> RoundFactor<'_> {
+        self.of
+    }
+
+    fn describe(&self, patches: Range<usize>) -> Option<Vec<u8>> {
+        let (plan, edge_length, surfaces) = self.object;
+        let mut bytes = Vec::new();
+        bare::encode(plan, edge_length, Some(surfaces), &self.patches[patches], &mut bytes);
+        Some(bytes)
+    }
+
+    fn evidence(&self, kept: &Plain) -> Vec<u8> {
+        kept.data.clone()
+    }
 
     fn kind(&self) -> ChunkKind {
         self.factor.kind()
