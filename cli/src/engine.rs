@@ -13,6 +13,7 @@ use prelight_scene::world::World;
 use prelight_store::Store;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// `--engine`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -79,9 +80,15 @@ impl EngineArgs {
             least_seconds: self.least_work,
             tries: self.tries,
             leave: self.leave,
+            poll: self.poll(),
             ..FarmOptions::default()
         };
         Ok(Some(Arc::new(Farm::new(scene.0, scene.1, options, store, queue, farm)?)))
+    }
+
+    /// Processes of this machine are asked often, a cluster's controller once a second.
+    fn poll(&self) -> Duration {
+        Duration::from_millis(if self.engine == EngineName::LocalProcesses { 100 } else { 1000 })
     }
 
     fn queue(&self, folder: &Path, context: &Context) -> Result<Option<Box<dyn Queue>>, Failure> {

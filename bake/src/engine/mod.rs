@@ -1,9 +1,9 @@
 //! Engines: who runs the shards of a round. The store, never an engine, says what is done.
 //!
 //! A [`Round`] is some patches and one factor of them. An [`Engine`] makes the records of a round exist, wherever it runs them: on the threads
-//! of this process ([`threads`]), or as jobs elsewhere ([`crate::farm`]). Whoever asked then collects the results by looking them up; what ran in this process
-//! is at hand already. Killed anywhere, at most the shards in flight are lost, and two engines may run the same shard: chunks and records are
-//! named by what they hold and by what they were made from.
+//! of this process ([`threads`]), or as jobs elsewhere ([`crate::farm`]). Whoever asked then collects the results by looking them up; what ran
+//! in this process is at hand already. Killed anywhere, at most the shards in flight are lost, and two engines may run the same shard: chunks
+//! and records are named by what they hold and by what they were made from.
 
 pub mod threads;
 

@@ -28,7 +28,8 @@ impl<'a, F: Factor> FactorRound<'a, F> {
 
     /// Bakes the round on an engine. Gives the patches in their order, and the bytes that were added to the store.
     ///
-    /// What the engine ran elsewhere is looked up. A patch whose records are not there although the engine says so is baked here, with a warning.
+    /// What the engine ran elsewhere is looked up. A patch whose records are not there although the engine says so is baked here,
+    /// with a warning.
     ///
     /// # Errors
     /// What the engine says, and what looking up says.

@@ -46,20 +46,38 @@ pub trait ObjectFactor: Sync {
     }
 }
 
-/// Some patches of an object, to be baked in a round.
+/// An object some of whose patches are to be baked.
+#[derive(Clone, Copy)]
+pub(crate) struct PlainObject<'a> {
+    /// Its points.
+    pub plan: &'a ObjectPlan,
+    /// Its edge length, metres.
+    pub edge_length: f32,
+    /// Its averages.
+    pub surfaces: &'a ObjectSurfaces,
+    /// What is baked.
+    pub factor: &'a dyn ObjectFactor,
+}
+
+/// A patch to be baked.
+#[derive(Clone, Copy)]
+pub(crate) struct PlainTask<'a> {
+    /// Its object.
+    pub object: PlainObject<'a>,
+    /// The patch.
+    pub patch: &'a Patch,
+}
+
+/// Some patches, to be baked in a round; those of an object follow one another.
 pub(crate) struct PlainRound<'a> {
     /// Which factor of which technique it is.
     pub of: RoundFactor<'a>,
-    /// The object, its edge length in metres, and its averages.
-    pub object: (&'a ObjectPlan, f32, &'a ObjectSurfaces),
-    /// What is baked.
-    pub factor: &'a dyn ObjectFactor,
     /// The patches.
-    pub patches: Vec<&'a Patch>,
+    pub tasks: Vec<PlainTask<'a>>,
 }
 
 impl<'a> Factor for PlainRound<'a> {
-    type Inputs = (&'a Patch, Digest);
+    type Inputs = (PlainTask<'a>, Digest);
     type Row = Vec<u8>;
     type Scratch = ();
     type Kept = Plain;
@@ -69,9 +87,12 @@ impl<'a> Factor for PlainRound<'a> {
     }
 
     fn describe(&self, patches: Range<usize>) -> Option<Vec<u8>> {
-        let (plan, edge_length, surfaces) = self.object;
         let mut bytes = Vec::new();
-        bare::encode(plan, edge_length, Some(surfaces), &self.patches[patches], &mut bytes);
+        for part in self.tasks[patches].chunk_by(|a, b| a.object.plan.object == b.object.plan.object) {
+            let PlainObject { plan, edge_length, surfaces, .. } = part[0].object;
+            let patches: Vec<&Patch> = part.iter().map(|task| task.patch).collect();
+            bare::encode(plan, edge_length, Some(surfaces), &patches, &mut bytes);
+        }
         Some(bytes)
     }
 
@@ -80,11 +101,11 @@ impl<'a> Factor for PlainRound<'a> {
     }
 
     fn kind(&self) -> ChunkKind {
-        self.factor.kind()
+        self.tasks[0].object.factor.kind() // asked for a patch, so there is one
     }
 
     fn n_patches(&self) -> usize {
-        self.patches.len()
+        self.tasks.len()
     }
 
     fn shard_patches(&self) -> usize {
@@ -92,12 +113,12 @@ impl<'a> Factor for PlainRound<'a> {
     }
 
     fn n_points(&self, patch: usize) -> u32 {
-        self.patches[patch].n_points
+        self.tasks[patch].patch.n_points
     }
 
-    fn inputs(&self, patch: usize) -> (&'a Patch, Digest) {
-        let patch = self.patches[patch];
-        (patch, self.factor.key(patch))
+    fn inputs(&self, patch: usize) -> Self::Inputs {
+        let task = self.tasks[patch];
+        (task, task.object.factor.key(task.patch))
     }
 
     fn key(&self, (_, key): &Self::Inputs) -> Digest {
@@ -114,14 +135,14 @@ impl<'a> Factor for PlainRound<'a> {
 
     fn bake(
         &self,
-        (patch, key): &Self::Inputs,
+        (PlainTask { object, patch }, key): &Self::Inputs,
         found: &Candidates<Vec<u8>>,
         load: &LoadChunk,
         _: &mut (),
     ) -> Result<Baked<Plain>, BakeError> {
         let key = Some(*key);
         if let Some(candidate) = found.list.first() {
-            return Ok(match load(&candidate.descriptor)?.filter(|chunk| self.factor.fits(patch, chunk, &candidate.row)) {
+            return Ok(match load(&candidate.descriptor)?.filter(|chunk| object.factor.fits(patch, chunk, &candidate.row)) {
                 Some(chunk) => {
                     let kept = Plain { key, data: candidate.row.clone(), ..Plain::default() };
                     Baked::Made(Made { source: Source::Found(0, chunk), record: None, kept })
@@ -129,7 +150,7 @@ impl<'a> Factor for PlainRound<'a> {
                 None => Baked::Unusable(0),
             });
         }
-        let (bytes, made) = self.factor.bake(patch)?;
+        let (bytes, made) = object.factor.bake(patch)?;
         let record = Some(made.data.clone());
         Ok(Baked::Made(Made { source: Source::Made(bytes), record, kept: Plain { key, ..made } }))
     }

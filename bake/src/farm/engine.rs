@@ -278,7 +278,7 @@ impl<'a> Watch<'a> {
     fn stragglers(&self, alive: &[Alive]) -> Vec<u32> {
         let mut took: Vec<f64> = (self.ran.iter()).filter(|(task, _)| !self.is_missing(**task)).map(|(_, ran)| ran.as_secs_f64()).collect();
         let n_done = (0..self.of.n_tasks).filter(|task| !self.is_missing(*task)).count();
-        if took.is_empty() || (n_done as f64) < MOST_DONE * f64::from(self.of.n_tasks) {
+        if took.is_empty() || (n_done as f64) < (MOST_DONE * f64::from(self.of.n_tasks)).floor() {
             return Vec::new();
         }
         took.sort_by(f64::total_cmp);

@@ -6,6 +6,7 @@
 //! Nobody here knows which tasks are lost: the engine's own retries, and the same bake again, see to that.
 
 use super::queue::{Alive, Queue, QueueError, Submission, ranges};
+use prelight_manifests::Digest;
 use std::collections::BTreeSet;
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
@@ -16,7 +17,7 @@ pub struct External {
     command: Option<String>,
     store: String,
     threads: u32,
-    submitted: Mutex<BTreeSet<u32>>,
+    submitted: Mutex<BTreeSet<(Digest, u32)>>,
 }
 
 impl External {
@@ -40,7 +41,7 @@ impl Queue for External {
     }
 
     fn submit(&self, of: &Submission, tasks: &[u32]) -> Result<(), QueueError> {
-        self.submitted.lock().expect("no panic under this lock").extend(tasks);
+        self.submitted.lock().expect("no panic under this lock").extend(tasks.iter().map(|task| (of.round, *task)));
         let Some(text) = &self.command else { return Ok(()) };
         let mut command = Command::new("sh");
         command.arg("-c").arg(text).stdin(Stdio::null());
@@ -63,13 +64,14 @@ impl Queue for External {
         Err(QueueError::Refused(format!("the command of --submit failed ({}): {last}", output.status)))
     }
 
-    fn alive(&self, _: &Submission) -> Result<Vec<Alive>, QueueError> {
+    fn alive(&self, of: &Submission) -> Result<Vec<Alive>, QueueError> {
         let submitted = self.submitted.lock().expect("no panic under this lock");
-        Ok(submitted.iter().map(|task| Alive { task: *task, running: None }).collect())
+        let tasks = submitted.iter().filter(|(round, _)| *round == of.round);
+        Ok(tasks.map(|(_, task)| Alive { task: *task, running: None }).collect())
     }
 
-    fn cancel(&self, _: &Submission) -> Result<(), QueueError> {
-        self.submitted.lock().expect("no panic under this lock").clear();
+    fn cancel(&self, of: &Submission) -> Result<(), QueueError> {
+        self.submitted.lock().expect("no panic under this lock").retain(|(round, _)| *round != of.round);
         Ok(())
     }
 

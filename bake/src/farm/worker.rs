@@ -9,7 +9,7 @@ use crate::block_product::visibility::baker::{PatchTask, VisibilityBaker, Visibi
 use crate::block_product::visibility::patch::Shadowing;
 use crate::engine::{Round, RoundFactor};
 use crate::error::BakeError;
-use crate::factor::plain::PlainRound;
+use crate::factor::plain::{PlainObject, PlainRound, PlainTask};
 use crate::factor::{FactorRound, SceneFactors, SceneInputs};
 use crate::points::bare::{self, BarePatches};
 use crate::points::buried::BuriedProbe;
@@ -162,8 +162,8 @@ fn plain(
         let surfaces = part.surfaces.as_ref().ok_or_else(|| damaged("list of patches", "it has no surfaces"))?;
         let made = factors.object(&part.plan, surfaces);
         let factor = made.get(of.index).ok_or_else(|| damaged("round", "its technique adds no such factor to the object"))?;
-        let (object, patches) = ((&part.plan, part.edge_length, surfaces), part.plan.patches.iter().collect());
-        let round = PlainRound { of, object, factor: &**factor, patches };
+        let object = PlainObject { plan: &part.plan, edge_length: part.edge_length, surfaces, factor: &**factor };
+        let round = PlainRound { of, tasks: part.plan.patches.iter().map(|patch| PlainTask { object, patch }).collect() };
         let (own, kept) = evidence_of(FactorRound::new(&round, store, progress), writer)?;
         chunks.extend(own);
         hasher.update(&kept.0);
