@@ -38,7 +38,7 @@ use rayon::prelude::*;
 use stats::Clock;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
-use work::{ObjectWork, trace_missing};
+use work::{ObjectWork, bake_factors, trace_missing};
 
 /// A finished bake, before its file is written.
 #[derive(Clone, Debug)]
@@ -340,9 +340,7 @@ fn bake_batch(
         trace_missing(baker, of, work, stats, None)?;
         clock.lap("trace");
         if !of.techniques.is_empty() {
-            for object in work.iter_mut() {
-                object.bake_factors(of, stats)?;
-            }
+            bake_factors(work, of, stats)?;
             clock.lap("transfer");
         }
         let split: u64 = work

@@ -73,6 +73,34 @@ pub enum BakeError {
         /// Name of the points in the ledger.
         points: prelight_manifests::Digest,
     },
+    /// Two runs of a shard gave different results: a defect of this machine, of another one, or of prelight.
+    #[error(
+        "shard {shard} has two different results under the key {key}: {what}\n  help: both are kept in the ledger; run `prelight verify`, check the memory of the machines, and report this"
+    )]
+    Differs {
+        /// The shard's name in the ledger.
+        key: prelight_manifests::Digest,
+        /// Number of the shard in its round.
+        shard: usize,
+        /// What differs.
+        what: String,
+    },
+    /// What a task was told to do makes no sense.
+    #[error("{what}\n  help: {help}")]
+    Usage {
+        /// What and where.
+        what: String,
+        /// What to do.
+        help: String,
+    },
+    /// An engine could not do all of a round.
+    #[error("{what}\n  help: {help}")]
+    Farm {
+        /// What failed, and where its logs are.
+        what: String,
+        /// What to do.
+        help: String,
+    },
     /// The user asked to stop.
     #[error("interrupted\n  help: run the same command again: what is done stays, the rest resumes")]
     Cancelled,

@@ -17,6 +17,7 @@
 //! | [`cost`] | points counted, memory and time estimated |
 //! | [`reuse`] | what an earlier bake knows |
 //! | [`seal`], [`bake`] | the bake and its manifest |
+//! | [`farm`] | rounds beyond this machine: queues, and the worker that they run |
 //! | [`settings`] | from scene.toml to options |
 //! | [`reference`](mod@reference), [`check`] | the path tracer; what will look wrong |
 
@@ -29,6 +30,7 @@ pub mod cost;
 pub mod engine;
 pub mod error;
 pub mod factor;
+pub mod farm;
 pub mod mesh;
 pub mod options;
 pub mod points;

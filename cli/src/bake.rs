@@ -2,6 +2,7 @@
 
 use super::args::{BakeKnobs, SceneArgs, duration};
 use super::context::peak_memory;
+use super::engine::EngineArgs;
 use super::loaded::Loaded;
 use super::output::{check_writable, write_atomically};
 use super::{Context, ExitCode, Failure, Summary, budgets, reasons, replaced};
@@ -32,6 +33,8 @@ pub struct BakeArgs {
     pub knobs: BakeKnobs,
     #[command(flatten)]
     pub rebake: RebakeArgs,
+    #[command(flatten)]
+    pub engine: EngineArgs,
     /// Go on past a scene that fails; then end with 5
     #[arg(long)]
     pub keep_going: bool,
@@ -87,7 +90,10 @@ pub fn run(args: BakeArgs, context: &Context) -> Result<Summary, Failure> {
             let (scene, only) = (SceneArgs { scene: scene.clone() }, args.rebake.only);
             super::plan::run(super::plan::PlanArgs { scene, output: args.output, knobs: args.knobs, only, since: None }, context)
         }
-        [scene] => bake_file(scene, args.output, &args.knobs, &args.rebake, context).map_err(|failure| late(failure, context)),
+        [scene] => {
+            let (knobs, how) = (&args.knobs, (&args.rebake, &args.engine));
+            bake_file_on(scene, args.output, knobs, how, context).map_err(|failure| late(failure, context))
+        }
         _ => super::batch::run(&args, context),
     }
 }
@@ -109,8 +115,20 @@ pub fn bake_file(
     rebake: &RebakeArgs,
     context: &Context,
 ) -> Result<Summary, Failure> {
+    bake_file_on(scene, output, knobs, (rebake, &EngineArgs::default()), context)
+}
+
+/// [`bake_file`] on an engine.
+pub fn bake_file_on(
+    scene: &Path,
+    output: Option<PathBuf>,
+    knobs: &BakeKnobs,
+    (rebake, engine): (&RebakeArgs, &EngineArgs),
+    context: &Context,
+) -> Result<Summary, Failure> {
     let start = Instant::now();
     let mut loaded = Loaded::open(scene, output.as_deref(), knobs, context)?;
+    loaded.engine = engine.clone();
     rebake.apply(&mut loaded)?;
     budgets::measure(&mut loaded, rebake.measure, context)?;
     bake_loaded(&loaded, output, rebake.preview, start, context)
@@ -135,6 +153,10 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, star
     check_writable(&asset)?;
     loaded.counts.save(&store)?;
     let (scene, world, settings) = (&loaded.scene, &loaded.world, &loaded.settings);
+    let mut options = settings.options.clone();
+    if let Some(engine) = loaded.engine.engine((scene, world), &options, (&store, &folder), context)? {
+        options.engine = engine;
+    }
     let (mut failure, mut previews) = (None, 0);
     let mut show = |baked: Baked| match show_preview(&baked, loaded, (&asset, &folder, &store), read_seconds, start, context) {
         Ok(()) => {
@@ -147,7 +169,7 @@ pub fn bake_loaded(loaded: &Loaded, output: Option<PathBuf>, preview: bool, star
         }
     };
     let on_preview: Option<&mut OnPreview> = if preview { Some(&mut show) } else { None };
-    let baked = bake_with_previews(scene, world, Some(&settings.points), &settings.options, &store, context.progress(), on_preview);
+    let baked = bake_with_previews(scene, world, Some(&settings.points), &options, &store, context.progress(), on_preview);
     if let Some(failure) = failure {
         return Err(failure);
     }

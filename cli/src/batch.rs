@@ -1,6 +1,6 @@
 //! Many scenes in one run of `prelight bake`: one store, one display, one summary.
 
-use super::bake::{BakeArgs, bake_file, late};
+use super::bake::{BakeArgs, bake_file_on, late};
 use super::exit::{ExitCode, Failure, Words};
 use super::reporter::{Scope, clock, group};
 use super::{Context, Summary, complain};
@@ -77,7 +77,7 @@ fn one(job: &Job, args: &BakeArgs, context: &Context) -> Result<Summary, Failure
         };
         return super::plan::run(plan, context);
     }
-    bake_file(&job.scene, Some(job.asset.clone()), &args.knobs, &args.rebake, context)
+    bake_file_on(&job.scene, Some(job.asset.clone()), &args.knobs, (&args.rebake, &args.engine), context)
 }
 
 /// Where every asset goes; two scenes must not write the same one.

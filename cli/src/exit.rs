@@ -148,7 +148,9 @@ fn code_of_cause(cause: &(dyn std::error::Error + 'static)) -> Option<ExitCode> 
             BakeError::Store(error) => of_store(error),
             BakeError::Output { source, .. } => of_io(source),
             BakeError::Memory { .. } => ExitCode::Limit,
-            BakeError::FalseHit { .. } => ExitCode::Found,
+            BakeError::FalseHit { .. } | BakeError::Differs { .. } => ExitCode::Found,
+            BakeError::Usage { .. } => ExitCode::Usage,
+            BakeError::Farm { .. } => ExitCode::Partly,
             BakeError::Cancelled => ExitCode::Interrupted,
             _ => ExitCode::Failed,
         });

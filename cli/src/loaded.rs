@@ -2,6 +2,7 @@
 
 use super::args::BakeKnobs;
 use super::bake::default_store;
+use super::engine::EngineArgs;
 use super::{Context, Failure};
 use prelight_bake::cost::counts::Counts;
 use prelight_bake::progress::Stage;
@@ -22,6 +23,8 @@ pub struct Loaded {
     pub knobs: BakeKnobs,
     /// What choosing for budgets of error took.
     pub budget_seconds: f64,
+    /// Who runs the shards.
+    pub engine: EngineArgs,
     /// Points that were counted, for the store.
     pub counts: Counts,
 }
@@ -63,7 +66,7 @@ impl Loaded {
         let start = Instant::now();
         settings.meet_budgets(&scene, &world, context.progress())?;
         let budget_seconds = start.elapsed().as_secs_f64();
-        Ok(Loaded { input, scene, world, settings, knobs: knobs.clone(), budget_seconds, counts })
+        Ok(Loaded { input, scene, world, settings, knobs: knobs.clone(), budget_seconds, engine: EngineArgs::default(), counts })
     }
 }
 

@@ -13,8 +13,10 @@ mod context;
 mod demo;
 mod diff;
 mod doctor;
+mod engine;
 mod escape;
 mod exit;
+mod farm;
 mod gc;
 mod init;
 mod inspect;
@@ -33,6 +35,7 @@ mod repair;
 mod replaced;
 mod reporter;
 mod schema;
+mod shard;
 mod shipped;
 mod stats;
 mod style;
@@ -94,6 +97,8 @@ enum Verb {
     Gc(gc::GcArgs),
     Stats(stats::StatsArgs),
     Doctor(doctor::DoctorArgs),
+    Farm(farm::FarmArgs),
+    Shard(shard::ShardArgs),
     Schema(schema::SchemaArgs),
     Completions(completions::CompletionsArgs),
 }
@@ -118,6 +123,8 @@ impl Verb {
             Verb::Gc(_) => "gc",
             Verb::Stats(_) => "stats",
             Verb::Doctor(_) => "doctor",
+            Verb::Farm(_) => "farm",
+            Verb::Shard(_) => "shard",
             Verb::Schema(_) => "schema",
             Verb::Completions(_) => "completions",
         }
@@ -142,6 +149,8 @@ impl Verb {
             Verb::Gc(args) => gc::run(args, context),
             Verb::Stats(args) => stats::run(args, context),
             Verb::Doctor(args) => doctor::run(args, context),
+            Verb::Farm(args) => farm::run(args, context),
+            Verb::Shard(args) => shard::run(args, context),
             Verb::Schema(args) => schema::run(args, context),
             Verb::Completions(args) => completions::run(args, context),
         }

@@ -38,7 +38,7 @@ fn summary(output: &Output) -> Value {
     last
 }
 
-const VERBS: [&str; 19] = [
+const VERBS: [&str; 21] = [
     "demo",
     "init",
     "check",
@@ -56,6 +56,8 @@ const VERBS: [&str; 19] = [
     "gc",
     "stats",
     "doctor",
+    "farm",
+    "shard",
     "schema",
     "completions",
 ];

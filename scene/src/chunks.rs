@@ -26,6 +26,14 @@ pub fn base_chunk(mesh: &Mesh) -> Vec<u8> {
     base::to_chunk(&primitives)
 }
 
+/// A mesh as its base chunk has it.
+///
+/// # Errors
+/// A chunk that is no base chunk.
+pub fn mesh_from_chunk(chunk: &[u8]) -> Result<Mesh, SceneError> {
+    Ok(Mesh { primitives: base::from_chunk(chunk)?.into_iter().map(owned).collect() })
+}
+
 fn owned(primitive: BasePrimitive) -> Primitive {
     Primitive {
         positions: primitive.positions.to_vec(),
@@ -75,10 +83,9 @@ pub fn occluding_scene(content: &AssetContent, store: &dyn ChunkSource) -> Resul
     }
     let mut objects = Vec::with_capacity(content.objects.len());
     for object in &content.objects {
-        let chunk = store.chunk(&object.base)?;
-        let primitives = base::from_chunk(&chunk)?.into_iter().map(owned).collect();
+        let mesh = Arc::new(mesh_from_chunk(&store.chunk(&object.base)?)?);
         let (name, world_from_local) = (object.name.clone(), object.world_from_local);
-        objects.push(Object { name, mesh: Arc::new(Mesh { primitives }), world_from_local });
+        objects.push(Object { name, mesh, world_from_local });
     }
     Ok(Scene { objects, materials, textures, ..Scene::default() })
 }

@@ -1,14 +1,15 @@
 //! The objects of a batch while they are worked on: traced, and split where neighbours differ.
 
-use super::context::Context;
+use super::context::{ActiveTechnique, Context};
 use super::stats::BakeStats;
 use crate::block_product::visibility::baker::{PatchTask, VisibilityBaker, VisibilityRound};
 use crate::block_product::visibility::border::{Breaks, Seen};
 use crate::block_product::visibility::difference::{OpenBits, is_same};
 use crate::budget::{ObjectError, PLACES, PlaceSet, Places, Probes, measure_baked};
+use crate::engine::RoundFactor;
 use crate::error::BakeError;
-use crate::factor::plain::{Plain, PlainRound};
-use crate::factor::{FactorRound, PatchChunk};
+use crate::factor::plain::{Plain, PlainObject, PlainRound, PlainTask};
+use crate::factor::{FactorRound, ObjectFactor, PatchChunk};
 use crate::mesh::PointParams;
 use crate::mesh::edge::Answers;
 use crate::options::BakeOptions;
@@ -27,6 +28,7 @@ use prelight_runtime::asset::points::BURIED;
 use prelight_runtime::block_product::visibility::Visibility;
 use prelight_scene::world::World;
 use prelight_store::Chunk;
+use rayon::prelude::*;
 use std::cell::{Cell, OnceCell, RefCell};
 
 /// A round that bakes points that others stood in for.
@@ -167,35 +169,6 @@ impl ObjectWork {
         let places = Places::new(&self.plan.base, world, occluders, solids, edge_length, probes, PLACES, PlaceSet::HeldBack);
         let (sums, grid) = (measure_baked(&self.plan, &patches, &places, probes), places.grid_error(occluders, probes));
         Ok(ObjectError { object: self.plan.object as usize, sums, grid })
-    }
-
-    /// Bakes what the object's technique adds to visibility: for patches that are new, and those whose averages the last split has changed.
-    pub(crate) fn bake_factors(&mut self, of: &Context, stats: &mut BakeStats) -> Result<(), BakeError> {
-        let Some(technique) = of.technique_of(self.plan.object).filter(|_| self.surfaces.is_none()) else { return Ok(()) };
-        let surfaces = point_surfaces(of.scene, &self.plan);
-        let factors = technique.factors.object(&self.plan, &surfaces);
-        self.factors.resize_with(factors.len(), Vec::new);
-        for (factor, done) in factors.iter().zip(&mut self.factors) {
-            let patches = &self.plan.patches;
-            let is_stale = |index: &usize| done.get(*index).is_none_or(|done| done.kept.key != Some(factor.key(&patches[*index])));
-            let stale: Vec<usize> = (0..patches.len()).filter(is_stale).collect();
-            let round = PlainRound { factor: &**factor, patches: stale.iter().map(|index| &patches[*index]).collect() };
-            let points = round.patches.iter().map(|patch| u64::from(patch.n_points)).sum();
-            let _stage = Stage::begin(of.progress, "transfer", Some(points), "points");
-            let (made, bytes_stored) = FactorRound::new(&round, of.store, of.progress).bake(&*of.options.engine)?;
-            stats.bytes_stored += bytes_stored;
-            let tally = stats.tallies.entry(technique.name.to_string()).or_default();
-            for (index, made) in stale.into_iter().zip(made) {
-                tally.extend(&made.kept.tally);
-                match done.get_mut(index) {
-                    Some(before) => *before = made,
-                    None => done.push(made),
-                }
-            }
-        }
-        drop(factors);
-        self.surfaces = Some(surfaces);
-        Ok(())
     }
 
     /// Splits edges whose ends see different things, where a budget asks for it also those that borders of shadows cross, or whose ends differ
@@ -339,6 +312,64 @@ impl<'a> Recall<'a> {
         self.has_lost.set(self.has_lost.get() || before && !now);
         now
     }
+}
+
+/// Bakes what techniques add to visibility: for patches that are new, and those whose averages the last split has changed.
+pub(super) fn bake_factors(work: &mut [ObjectWork], of: &Context, stats: &mut BakeStats) -> Result<(), BakeError> {
+    for technique in of.techniques {
+        let is_its = |object: &ObjectWork| of.technique_of(object.plan.object).is_some_and(|own| own.name == technique.name);
+        let mut due: Vec<&mut ObjectWork> = work.iter_mut().filter(|object| object.surfaces.is_none() && is_its(object)).collect();
+        let surfaces: Vec<ObjectSurfaces> =
+            due.par_iter().map(|object| point_surfaces(of.scene, &object.plan).with_details(of.scene, &object.plan)).collect();
+        let mut done: Vec<_> = due.iter_mut().map(|object| std::mem::take(&mut object.factors)).collect();
+        let plans: Vec<&ObjectPlan> = due.iter().map(|object| &object.plan).collect();
+        bake_factors_of(technique, (&plans, &surfaces), &mut done, of, stats)?;
+        for ((object, surfaces), done) in due.into_iter().zip(surfaces).zip(done) {
+            (object.surfaces, object.factors) = (Some(surfaces), done);
+        }
+    }
+    Ok(())
+}
+
+/// Bakes the factors of a technique, each in one round of all objects. `done`: `[objects][factors][patches]`, those that there are.
+fn bake_factors_of(
+    technique: &ActiveTechnique,
+    (plans, surfaces): (&[&ObjectPlan], &[ObjectSurfaces]),
+    done: &mut [Vec<Vec<PatchChunk<Plain>>>],
+    of: &Context,
+    stats: &mut BakeStats,
+) -> Result<(), BakeError> {
+    let objects = plans.iter().zip(surfaces);
+    let factors: Vec<Vec<Box<dyn ObjectFactor + '_>>> = objects.map(|(plan, surfaces)| technique.factors.object(plan, surfaces)).collect();
+    for index in 0..factors.iter().map(Vec::len).max().unwrap_or(0) {
+        let (mut tasks, mut places) = (Vec::new(), Vec::new());
+        for (at, factor) in factors.iter().enumerate().filter_map(|(at, factors)| Some((at, &**factors.get(index)?))) {
+            let (plan, surfaces) = (plans[at], &surfaces[at]);
+            let object = PlainObject { plan, edge_length: of.options.points[plan.object as usize].edge_length, surfaces, factor };
+            done[at].resize_with(factors[at].len(), Vec::new);
+            let known = &done[at][index];
+            for (place, patch) in plan.patches.iter().enumerate() {
+                if known.get(place).is_none_or(|known| known.kept.key != Some(factor.key(patch))) {
+                    tasks.push(PlainTask { object, patch });
+                    places.push((at, place));
+                }
+            }
+        }
+        let points = tasks.iter().map(|task| u64::from(task.patch.n_points)).sum();
+        let round = PlainRound { of: RoundFactor { technique: technique.name, index }, tasks };
+        let _stage = Stage::begin(of.progress, "transfer", Some(points), "points");
+        let (made, bytes_stored) = FactorRound::new(&round, of.store, of.progress).bake(&*of.options.engine)?;
+        stats.bytes_stored += bytes_stored;
+        let tally = stats.tallies.entry(technique.name.to_string()).or_default();
+        for ((at, place), made) in places.into_iter().zip(made) {
+            tally.extend(&made.kept.tally);
+            match done[at][index].get_mut(place) {
+                Some(before) => *before = made,
+                None => done[at][index].push(made),
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Looks up or traces every patch that has no visibility yet; of each object only those before its stop, where there are stops.

@@ -16,7 +16,7 @@ use super::earlier::{Earlier, Edit};
 use super::options::BounceOptions;
 use super::rows::Rows;
 use super::targets::{Identity, Targets};
-use crate::engine::Engine;
+use crate::engine::{Engine, RoundFactor};
 use crate::error::BakeError;
 use crate::factor::{Baked, Candidate, Candidates, Factor, FactorRound, LoadChunk, Made, PatchChunk, Source};
 use crate::progress::{Progress, Stage, check};
@@ -31,6 +31,7 @@ use prelight_scene::world::World;
 use prelight_store::{Chunk, MAX_RECORD_DATA, Record, Store};
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Version of what decides bits here, besides the algorithm's.
@@ -250,6 +251,19 @@ impl Factor for RowsRound<'_> {
     type Row = Digest;
     type Scratch = ();
     type Kept = RowWork;
+
+    fn factor(&self) -> RoundFactor<'_> {
+        RoundFactor { technique: "bounces", index: 0 }
+    }
+
+    fn describe(&self, _: Range<usize>) -> Option<Vec<u8>> {
+        // The points of the whole scene, and what earlier bakes found, are here alone.
+        None
+    }
+
+    fn evidence(&self, _: &RowWork) -> Vec<u8> {
+        Vec::new()
+    }
 
     fn kind(&self) -> ChunkKind {
         ChunkKind::Rows

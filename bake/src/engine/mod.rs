@@ -1,9 +1,9 @@
 //! Engines: who runs the shards of a round. The store, never an engine, says what is done.
 //!
 //! A [`Round`] is some patches and one factor of them. An [`Engine`] makes the records of a round exist, wherever it runs them: on the threads
-//! of this process ([`threads`]), or as jobs elsewhere. Whoever asked then collects the results by looking them up; what ran in this process
-//! is at hand already. Killed anywhere, at most the shards in flight are lost, and two engines may run the same shard: chunks and records are
-//! named by what they hold and by what they were made from.
+//! of this process ([`threads`]), or as jobs elsewhere ([`crate::farm`]). Whoever asked then collects the results by looking them up; what ran
+//! in this process is at hand already. Killed anywhere, at most the shards in flight are lost, and two engines may run the same shard: chunks
+//! and records are named by what they hold and by what they were made from.
 
 pub mod threads;
 
@@ -15,8 +15,27 @@ use prelight_store::{ShardWriter, Store};
 use std::fmt::Debug;
 use std::ops::Range;
 
+/// Which factor a round is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RoundFactor<'a> {
+    /// Name of the technique that adds it; visibility, which all have, is `block_product`'s.
+    pub technique: &'a str,
+    /// Its number among those that the technique adds.
+    pub index: usize,
+}
+
 /// Patches of which one factor is to be baked, numbered from 0.
 pub trait Round: Sync {
+    /// Which factor of them.
+    fn factor(&self) -> RoundFactor<'_>;
+
+    /// Points of a run of patches.
+    fn n_points(&self, patches: Range<usize>) -> u64;
+
+    /// A run of patches in bytes, with all that baking them reads beside the scene; `None` where only this process can bake them, because it
+    /// knows what an earlier bake found.
+    fn describe(&self, patches: Range<usize>) -> Option<Vec<u8>>;
+
     /// Number of patches.
     fn n_patches(&self) -> usize;
 

@@ -31,23 +31,27 @@ impl Threads {
 
 impl Engine for Threads {
     fn ensure(&self, round: &dyn Round, store: &Store, progress: &dyn Progress) -> Result<u64, BakeError> {
-        let shards = self.shards(round);
-        let (publish, waiting) = sync_channel(2 * rayon::current_num_threads());
-        std::thread::scope(|scope| {
-            let publisher = scope.spawn(move || publish_all(waiting));
-            let done = shards.into_par_iter().with_max_len(1).try_for_each(|shard| {
-                check(progress)?;
-                let mut writer = store.writer();
-                round.run(shard, &mut writer)?;
-                // A publisher that is gone says why itself.
-                publish.send(writer).map_err(|_| BakeError::Cancelled)
-            });
-            drop(publish);
-            // Its error first: that is why a shard could not be handed over.
-            let bytes = publisher.join().expect("publishing does not panic")?;
-            done.map(|()| bytes)
-        })
+        run_here(round, self.shards(round), store, progress)
     }
+}
+
+/// Runs some shards of a round; gives the bytes that they took.
+pub(crate) fn run_here(round: &dyn Round, shards: Vec<Range<usize>>, store: &Store, progress: &dyn Progress) -> Result<u64, BakeError> {
+    let (publish, waiting) = sync_channel(2 * rayon::current_num_threads());
+    std::thread::scope(|scope| {
+        let publisher = scope.spawn(move || publish_all(waiting));
+        let done = shards.into_par_iter().with_max_len(1).try_for_each(|shard| {
+            check(progress)?;
+            let mut writer = store.writer();
+            round.run(shard, &mut writer)?;
+            // A publisher that is gone says why itself.
+            publish.send(writer).map_err(|_| BakeError::Cancelled)
+        });
+        drop(publish);
+        // Its error first: that is why a shard could not be handed over.
+        let bytes = publisher.join().expect("publishing does not panic")?;
+        done.map(|()| bytes)
+    })
 }
 
 /// Publishes shards as they come; gives the bytes that they took.

@@ -1,14 +1,15 @@
 //! A round of one factor: each patch looked up in the ledger, baked where it is not there, put and recorded.
 
 use super::{Baked, Candidate, Candidates, Factor, Ledger, Made, PatchChunk, Source, Taken};
-use crate::engine::{Engine, Round};
+use crate::engine::{Engine, Round, RoundFactor};
 use crate::error::BakeError;
 use crate::progress::{Progress, check};
-use prelight_manifests::{Descriptor, Dtype};
+use prelight_manifests::{Descriptor, Digest, Dtype};
 use prelight_store::{Chunk, ChunkSource, Record, ShardWriter, Store};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The patches of a round, and what came of those that ran in this process.
 pub(crate) struct FactorRound<'a, F: Factor> {
@@ -27,23 +28,31 @@ impl<'a, F: Factor> FactorRound<'a, F> {
 
     /// Bakes the round on an engine. Gives the patches in their order, and the bytes that were added to the store.
     ///
-    /// What the engine ran elsewhere is looked up. A patch whose records are not there although the engine says so is baked here.
+    /// What the engine ran elsewhere is looked up. A patch whose records are not there although the engine says so is baked here,
+    /// with a warning.
     ///
     /// # Errors
     /// What the engine says, and what looking up says.
     pub(crate) fn bake(self, engine: &dyn Engine) -> Result<(Vec<PatchChunk<F::Kept>>, u64), BakeError> {
         let mut bytes_stored = engine.ensure(&self, self.store, self.progress)?;
         let FactorRound { factor, store, progress, done } = self;
+        let n_lost = AtomicUsize::new(0);
         let elsewhere = |(patch, done): (usize, OnceLock<PatchChunk<F::Kept>>)| match done.into_inner() {
             Some(done) => Ok((done, 0)),
             None => {
                 check(progress)?;
                 let mut writer = store.writer();
                 let found = patch_of(factor, (store, progress), patch, &mut writer, &mut F::Scratch::default())?;
-                Ok((found, writer.commit()?.bytes_stored))
+                let bytes = writer.commit()?.bytes_stored;
+                n_lost.fetch_add(usize::from(bytes > 0), Ordering::Relaxed);
+                Ok((found, bytes))
             }
         };
         let done: Vec<_> = done.into_par_iter().enumerate().map(elsewhere).collect::<Result<_, BakeError>>()?;
+        if n_lost.load(Ordering::Relaxed) > 0 {
+            let of = done.len();
+            progress.warning(&format!("{} of {of} patches were not in the store although they were done: baked here", n_lost.into_inner()));
+        }
         let patches = done.into_iter().map(|(patch, bytes)| {
             bytes_stored += bytes;
             patch
@@ -52,7 +61,35 @@ impl<'a, F: Factor> FactorRound<'a, F> {
     }
 }
 
+impl<F: Factor> FactorRound<'_, F> {
+    /// What came of the patches, once all of them ran in this process: their chunks, and a digest of what is kept beside them.
+    pub(crate) fn into_evidence(self) -> Option<(Vec<Descriptor>, Digest)> {
+        let mut hasher = blake3::Hasher::new();
+        let mut chunks = Vec::with_capacity(self.done.len());
+        for done in self.done {
+            let PatchChunk { descriptor, kept, .. } = done.into_inner()?;
+            let evidence = self.factor.evidence(&kept);
+            hasher.update(&(evidence.len() as u64).to_le_bytes());
+            hasher.update(&evidence);
+            chunks.push(descriptor);
+        }
+        Some((chunks, Digest(*hasher.finalize().as_bytes())))
+    }
+}
+
 impl<F: Factor> Round for FactorRound<'_, F> {
+    fn factor(&self) -> RoundFactor<'_> {
+        self.factor.factor()
+    }
+
+    fn n_points(&self, patches: Range<usize>) -> u64 {
+        patches.map(|patch| u64::from(self.factor.n_points(patch))).sum()
+    }
+
+    fn describe(&self, patches: Range<usize>) -> Option<Vec<u8>> {
+        self.factor.describe(patches)
+    }
+
     fn n_patches(&self) -> usize {
         self.factor.n_patches()
     }

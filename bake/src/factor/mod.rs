@@ -16,9 +16,11 @@ pub(crate) use driver::FactorRound;
 pub use plain::ObjectFactor;
 pub use technique::{SceneFactors, SceneInputs, Tally, Technique};
 
+use crate::engine::RoundFactor;
 use crate::error::BakeError;
 use prelight_manifests::{ChunkKind, Descriptor, Digest};
 use prelight_store::{Chunk, Record, ShardWriter, Store};
+use std::ops::Range;
 
 /// What became of a patch: its chunk, and what the factor keeps beside it.
 #[derive(Clone, Debug)]
@@ -107,6 +109,15 @@ pub(crate) trait Factor: Sync {
     type Scratch: Default;
     /// What is kept of a patch beside its chunk.
     type Kept: Send + Sync;
+
+    /// Which factor it is.
+    fn factor(&self) -> RoundFactor<'_>;
+
+    /// As [`crate::engine::Round::describe`].
+    fn describe(&self, patches: Range<usize>) -> Option<Vec<u8>>;
+
+    /// What is kept of a patch, in bytes: of two runs of it they must be the same.
+    fn evidence(&self, kept: &Self::Kept) -> Vec<u8>;
 
     /// Kind of the chunks.
     fn kind(&self) -> ChunkKind;

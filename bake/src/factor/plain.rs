@@ -1,10 +1,13 @@
 //! Factors whose record is found by one key and taken as it is: all but visibility, whose tiles are found one by one.
 
 use super::{Baked, Candidates, Factor, LoadChunk, Made, PatchChunk, Source, Tally};
+use crate::engine::RoundFactor;
 use crate::error::BakeError;
-use crate::points::Patch;
+use crate::points::surface::ObjectSurfaces;
+use crate::points::{ObjectPlan, Patch, bare};
 use prelight_manifests::{ChunkKind, Digest};
 use prelight_store::Chunk;
+use std::ops::Range;
 
 /// What is kept of a patch: its record's data, and what making it took.
 #[derive(Clone, Debug, Default)]
@@ -43,26 +46,66 @@ pub trait ObjectFactor: Sync {
     }
 }
 
-/// Some patches of an object, to be baked in a round.
-pub(crate) struct PlainRound<'a> {
+/// An object some of whose patches are to be baked.
+#[derive(Clone, Copy)]
+pub(crate) struct PlainObject<'a> {
+    /// Its points.
+    pub plan: &'a ObjectPlan,
+    /// Its edge length, metres.
+    pub edge_length: f32,
+    /// Its averages.
+    pub surfaces: &'a ObjectSurfaces,
     /// What is baked.
     pub factor: &'a dyn ObjectFactor,
+}
+
+/// A patch to be baked.
+#[derive(Clone, Copy)]
+pub(crate) struct PlainTask<'a> {
+    /// Its object.
+    pub object: PlainObject<'a>,
+    /// The patch.
+    pub patch: &'a Patch,
+}
+
+/// Some patches, to be baked in a round; those of an object follow one another.
+pub(crate) struct PlainRound<'a> {
+    /// Which factor of which technique it is.
+    pub of: RoundFactor<'a>,
     /// The patches.
-    pub patches: Vec<&'a Patch>,
+    pub tasks: Vec<PlainTask<'a>>,
 }
 
 impl<'a> Factor for PlainRound<'a> {
-    type Inputs = (&'a Patch, Digest);
+    type Inputs = (PlainTask<'a>, Digest);
     type Row = Vec<u8>;
     type Scratch = ();
     type Kept = Plain;
 
+    fn factor(&self) -> RoundFactor<'_> {
+        self.of
+    }
+
+    fn describe(&self, patches: Range<usize>) -> Option<Vec<u8>> {
+        let mut bytes = Vec::new();
+        for part in self.tasks[patches].chunk_by(|a, b| a.object.plan.object == b.object.plan.object) {
+            let PlainObject { plan, edge_length, surfaces, .. } = part[0].object;
+            let patches: Vec<&Patch> = part.iter().map(|task| task.patch).collect();
+            bare::encode(plan, edge_length, Some(surfaces), &patches, &mut bytes);
+        }
+        Some(bytes)
+    }
+
+    fn evidence(&self, kept: &Plain) -> Vec<u8> {
+        kept.data.clone()
+    }
+
     fn kind(&self) -> ChunkKind {
-        self.factor.kind()
+        self.tasks[0].object.factor.kind() // asked for a patch, so there is one
     }
 
     fn n_patches(&self) -> usize {
-        self.patches.len()
+        self.tasks.len()
     }
 
     fn shard_patches(&self) -> usize {
@@ -70,12 +113,12 @@ impl<'a> Factor for PlainRound<'a> {
     }
 
     fn n_points(&self, patch: usize) -> u32 {
-        self.patches[patch].n_points
+        self.tasks[patch].patch.n_points
     }
 
-    fn inputs(&self, patch: usize) -> (&'a Patch, Digest) {
-        let patch = self.patches[patch];
-        (patch, self.factor.key(patch))
+    fn inputs(&self, patch: usize) -> Self::Inputs {
+        let task = self.tasks[patch];
+        (task, task.object.factor.key(task.patch))
     }
 
     fn key(&self, (_, key): &Self::Inputs) -> Digest {
@@ -92,14 +135,14 @@ impl<'a> Factor for PlainRound<'a> {
 
     fn bake(
         &self,
-        (patch, key): &Self::Inputs,
+        (PlainTask { object, patch }, key): &Self::Inputs,
         found: &Candidates<Vec<u8>>,
         load: &LoadChunk,
         _: &mut (),
     ) -> Result<Baked<Plain>, BakeError> {
         let key = Some(*key);
         if let Some(candidate) = found.list.first() {
-            return Ok(match load(&candidate.descriptor)?.filter(|chunk| self.factor.fits(patch, chunk, &candidate.row)) {
+            return Ok(match load(&candidate.descriptor)?.filter(|chunk| object.factor.fits(patch, chunk, &candidate.row)) {
                 Some(chunk) => {
                     let kept = Plain { key, data: candidate.row.clone(), ..Plain::default() };
                     Baked::Made(Made { source: Source::Found(0, chunk), record: None, kept })
@@ -107,7 +150,7 @@ impl<'a> Factor for PlainRound<'a> {
                 None => Baked::Unusable(0),
             });
         }
-        let (bytes, made) = self.factor.bake(patch)?;
+        let (bytes, made) = object.factor.bake(patch)?;
         let record = Some(made.data.clone());
         Ok(Baked::Made(Made { source: Source::Made(bytes), record, kept: Plain { key, ..made } }))
     }

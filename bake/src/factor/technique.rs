@@ -46,6 +46,12 @@ pub trait Technique: Any + Debug + Send + Sync {
     /// Prepares what is the same for all objects of a scene.
     fn begin<'a>(&'a self, inputs: &'a SceneInputs<'a>) -> Box<dyn SceneFactors + 'a>;
 
+    /// What another process needs beside the name to make this technique ([`crate::farm`] knows those that are built in); `None` where only this
+    /// process has it.
+    fn parameters(&self) -> Option<serde_json::Value> {
+        None
+    }
+
     /// Figures for a report, by name, from the counts of a bake.
     fn figures(&self, _tally: &Tally) -> Vec<(&'static str, serde_json::Value)> {
         Vec::new()

@@ -10,7 +10,7 @@
 //!
 //! A closed dark room makes neither: its walls are met from the front, and in its corners they are not parallel.
 
-use crate::mesh::origin::{Surroundings, area_normal};
+use crate::mesh::origin::area_normal;
 use crate::mesh::weld::{narrow, wide};
 use crate::points::ObjectPlan;
 use crate::reach::shaft::Bounds;
@@ -182,9 +182,7 @@ impl<'a> BuriedProbe<'a> {
 
 /// Mean edge of the base triangle that a point was made in, at most the bake's edge length.
 pub(crate) fn local_edge(plan: &ObjectPlan, i: u32, edge_length: f32) -> f64 {
-    let home = plan.refined.home[plan.source[i as usize] as usize];
-    let around = Surroundings::new(std::iter::once(plan.base.corner_positions(home.base)), 1.0);
-    around.mean_edge.min(f64::from(edge_length))
+    plan.mean_edge(i).min(f64::from(edge_length))
 }
 
 /// Equal solid angles over the upper hemisphere: a Fibonacci spiral.

@@ -1,10 +1,11 @@
 //! Points and patches of an object: where light is baked. Pure functions of (object, parameters), no I/O.
 //!
 //! [`plan::plan_object`] puts the points of a refined mesh into patches ([`patch`]) with their areas, normals and ray origins; [`surface`]
-//! averages materials over footprints, [`differing`] adds points between those that see different things, [`count`] counts without building.
+//! averages materials over footprints, `bare` sends patches to other processes, [`differing`] adds points between those that see different things, [`count`] counts without building.
 //! Nothing here reads another object, so an edit elsewhere changes neither points nor names, and objects can be planned on any number of
 //! threads. The one exception is [`buried`]: it finds points that must not be interpolated from by rays that the caller casts.
 
+pub(crate) mod bare;
 pub mod buried;
 pub(crate) mod coarse;
 pub mod count;

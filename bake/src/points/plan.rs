@@ -13,11 +13,12 @@
 
 use crate::error::PlanError;
 use crate::mesh::edge::EdgeTable;
-use crate::mesh::origin::area_normal;
+use crate::mesh::origin::{Surroundings, area_normal};
 use crate::mesh::split::refine;
 use crate::mesh::weld::{BaseMesh, narrow, wide};
 use crate::mesh::{PointParams, Refined};
 use crate::points::Patch;
+use crate::points::bare::BarePoints;
 use crate::points::coarse::{Stand, representatives, stand_ins};
 use crate::points::draft::Drafts;
 use crate::points::patch::{FIRST_LEAK_LEVEL, Place, cut_patches, thin_out};
@@ -61,6 +62,8 @@ pub struct ObjectPlan {
     pub(crate) stands: Vec<Stand>,
     /// Rounds of [`crate::points::differing::split_differing`] so far.
     pub(crate) leak_rounds: u8,
+    /// `[points]` mean edges, of a plan without a mesh; empty where the mesh tells.
+    mean_edges: Vec<f64>,
     /// Excluded triangles of point i: `excluded[excluded_start[i]..excluded_start[i + 1]]`.
     excluded_start: Vec<u32>,
     excluded: Vec<u32>,
@@ -85,6 +88,38 @@ pub fn plan_object(scene: &Scene, world: &World, object: usize, params: &PointPa
 }
 
 impl ObjectPlan {
+    /// Points alone: what can be asked of such a plan is what baking a factor asks, no mesh and no areas.
+    pub(crate) fn bare(points: BarePoints) -> ObjectPlan {
+        let mut excluded_start = vec![0];
+        excluded_start.extend(points.n_excluded.iter().scan(0, |end, n| {
+            *end += n;
+            Some(*end)
+        }));
+        ObjectPlan {
+            object: points.object,
+            position: points.origin.clone(),
+            normal: points.normal,
+            geometric_normal: points.geometric_normal,
+            area: vec![0.0; points.origin.len()],
+            flags: points.flags,
+            origin: points.origin,
+            patches: points.patches,
+            mean_edges: points.mean_edges,
+            excluded_start,
+            excluded: points.excluded,
+            ..ObjectPlan::default()
+        }
+    }
+
+    /// Mean edge of the base triangle that a point was made in, metres.
+    pub(crate) fn mean_edge(&self, i: u32) -> f64 {
+        if let Some(edge) = self.mean_edges.get(i as usize) {
+            return *edge;
+        }
+        let home = self.refined.home[self.source[i as usize] as usize];
+        Surroundings::new(std::iter::once(self.base.corner_positions(home.base)), 1.0).mean_edge
+    }
+
     /// Number of points.
     pub(crate) fn n_points(&self) -> usize {
         self.position.len()

@@ -22,6 +22,7 @@ use crate::points::{ObjectPlan, Patch};
 use glam::DVec3;
 use prelight_runtime::asset::points::BACK_SIDE;
 use prelight_runtime::asset::surface::PointSurfaces;
+use prelight_runtime::surface::detail::{Detail, fill_details, has_detail};
 use prelight_runtime::surface::{AlphaMode, Material, bend_normal, resolve, tangent_from_uv};
 use prelight_scene::Scene;
 
@@ -36,9 +37,20 @@ pub struct ObjectSurfaces {
     pub metallic: Vec<f32>,
     /// Index into the scene's materials.
     pub material: Vec<u32>,
+    /// What lobes need beyond the averages; empty where no material of the object needs any, or nobody asked.
+    pub details: Vec<Detail>,
 }
 
 impl ObjectSurfaces {
+    /// With what lobes need beyond the averages.
+    pub(crate) fn with_details(mut self, scene: &Scene, plan: &ObjectPlan) -> Self {
+        if self.material.iter().any(|material| has_detail(&scene.materials[*material as usize])) {
+            self.details = vec![Detail::default(); plan.n_points()];
+            fill_details(&plan.mesh().view(), &scene.materials, &scene.textures, None, &mut self.details);
+        }
+        self
+    }
+
     /// The surface chunk of a patch, borrowed.
     pub(crate) fn patch(&self, patch: &Patch) -> PointSurfaces<'_> {
         let range = patch.range();

@@ -17,6 +17,7 @@ use prelight_runtime::vmf_transfer::Lobe;
 use prelight_runtime::vmf_transfer::interpolate::blend;
 use prelight_runtime::vmf_transfer::lobe::{distance, luminance};
 use prelight_runtime::vmf_transfer::transfer::SLICE_LOBES;
+use serde::{Deserialize, Serialize};
 
 /// New corners of a level that are asked, about.
 const ASKED: usize = 192;
@@ -33,7 +34,8 @@ pub(crate) struct Slice {
 }
 
 /// What decides.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ViewOptions {
     /// First level that may be kept.
     pub start: usize,

@@ -21,7 +21,7 @@ use prelight_manifests::{ChunkKind, Digest, version};
 use prelight_runtime::asset::mesh::NO_POINT;
 use prelight_runtime::asset::points::BURIED;
 use prelight_runtime::sphere::icosahedron::{Icosahedron, MAX_LEVEL};
-use prelight_runtime::surface::detail::{Detail, fill_details, has_detail, point_lobe};
+use prelight_runtime::surface::detail::point_lobe;
 use prelight_runtime::vmf_transfer::Transfer;
 use prelight_runtime::vmf_transfer::transfer::PointRecords;
 use prelight_scene::Scene;
@@ -61,8 +61,7 @@ impl<'a> SceneTransfer<'a> {
 impl SceneFactors for SceneTransfer<'_> {
     fn object<'b>(&'b self, plan: &'b ObjectPlan, surfaces: &'b ObjectSurfaces) -> Vec<Box<dyn ObjectFactor + 'b>> {
         let Some(options) = self.technique.options_of(plan.object) else { return Vec::new() };
-        let details = details(self.inputs.scene, plan, surfaces);
-        vec![Box::new(ObjectTransfer { of: self, plan, surfaces, details, options })]
+        vec![Box::new(ObjectTransfer { of: self, plan, surfaces, options })]
     }
 }
 
@@ -71,18 +70,7 @@ struct ObjectTransfer<'a> {
     of: &'a SceneTransfer<'a>,
     plan: &'a ObjectPlan,
     surfaces: &'a ObjectSurfaces,
-    /// `[points]` what lobes need beyond the averages; empty where no material of the object needs any.
-    details: Vec<Detail>,
     options: &'a TransferOptions,
-}
-
-fn details(scene: &Scene, plan: &ObjectPlan, surfaces: &ObjectSurfaces) -> Vec<Detail> {
-    if !surfaces.material.iter().any(|material| has_detail(&scene.materials[*material as usize])) {
-        return Vec::new();
-    }
-    let mut details = vec![Detail::default(); plan.n_points()];
-    fill_details(&plan.mesh().view(), &scene.materials, &scene.textures, None, &mut details);
-    details
 }
 
 fn floats(hasher: &mut blake3::Hasher, values: &[f32]) {
@@ -123,7 +111,7 @@ impl ObjectFactor for ObjectTransfer<'_> {
     }
 
     fn key(&self, patch: &Patch) -> Digest {
-        let ObjectTransfer { of, plan, surfaces, details, options } = self;
+        let ObjectTransfer { of, plan, surfaces, options } = self;
         let mut hasher = blake3::Hasher::new();
         hasher.update(b"prelight transfer");
         hasher.update(&of.key.0);
@@ -142,7 +130,7 @@ impl ObjectFactor for ObjectTransfer<'_> {
             floats(&mut hasher, &surfaces.normal[i]);
             floats(&mut hasher, &[surfaces.roughness[i]]);
             hasher.update(&surfaces.material[i].to_le_bytes());
-            if let Some(detail) = details.get(i) {
+            if let Some(detail) = surfaces.details.get(i) {
                 floats(&mut hasher, &detail.tangent);
                 floats(&mut hasher, &[detail.anisotropy]);
             }
@@ -154,12 +142,12 @@ impl ObjectFactor for ObjectTransfer<'_> {
     }
 
     fn bake(&self, patch: &Patch) -> Result<(Vec<u8>, Plain), BakeError> {
-        let ObjectTransfer { of, plan, surfaces, details, options } = self;
+        let ObjectTransfer { of, plan, surfaces, options } = self;
         let scene = of.inputs.scene;
         let n = patch.n_points as usize;
         let (mut points, mut noise, mut tally) = (Vec::with_capacity(n), Vec::with_capacity(4 * n), Tally::default());
         for i in patch.range() {
-            let (material, detail) = (surfaces.material[i] as usize, details.get(i).copied().unwrap_or_default());
+            let (material, detail) = (surfaces.material[i] as usize, surfaces.details.get(i).copied().unwrap_or_default());
             let receiver = point_lobe(&scene.materials[material], surfaces.roughness[i], surfaces.normal[i], &detail, &scene.tables);
             let (own, work) = if plan.flags[i] & BURIED != 0 {
                 // Nothing is interpolated from it.

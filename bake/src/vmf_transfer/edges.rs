@@ -24,6 +24,7 @@ use prelight_runtime::vmf_transfer::interpolate::blend;
 use prelight_runtime::vmf_transfer::lobe::{distance, norm};
 use prelight_runtime::vmf_transfer::shade::{glossy_lobes, slot_lobes};
 use prelight_runtime::vmf_transfer::transfer::{PointTransfer, SLICE_LOBES, decode};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Finest level of directions that are compared: between them slices are interpolated anyhow.
@@ -32,7 +33,8 @@ const MOST_LEVEL: usize = 2;
 const LEAST_HEIGHT: f32 = 0.05;
 
 /// What decides.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct MeshOptions {
     /// Difference that is good enough.
     pub budget: f64,

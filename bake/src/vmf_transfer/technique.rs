@@ -4,12 +4,14 @@ use super::baker::{LEVELS, SceneTransfer};
 use super::transfer::TransferOptions;
 use crate::factor::{SceneFactors, SceneInputs, Tally, Technique};
 use prelight_manifests::Technique as Name;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::any::Any;
 use std::sync::Arc;
 
 /// Indirect light in lobes, for the objects that ask for it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct VmfTransfer {
     /// `[objects]` how an object's indirect light is baked, if it is. May be shorter.
     pub objects: Vec<Option<TransferOptions>>,
@@ -46,6 +48,10 @@ impl Technique for VmfTransfer {
 
     fn begin<'a>(&'a self, inputs: &'a SceneInputs<'a>) -> Box<dyn SceneFactors + 'a> {
         Box::new(SceneTransfer::new(self, inputs))
+    }
+
+    fn parameters(&self) -> Option<Value> {
+        serde_json::to_value(self).ok()
     }
 
     fn figures(&self, tally: &Tally) -> Vec<(&'static str, Value)> {

@@ -30,6 +30,7 @@ use prelight_runtime::sphere::icosahedron::Icosahedron;
 use prelight_runtime::vmf_transfer::Lobe;
 use prelight_runtime::vmf_transfer::lobe::luminance;
 use prelight_runtime::vmf_transfer::transfer::{IRRADIANCE_LOBES, PointRecords, Record, SLICE_LOBES, TransferLobe, encode};
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 
 /// Paths per unit of κ.
@@ -71,7 +72,8 @@ pub(crate) struct PointWork {
 }
 
 /// What decides, besides the scene.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct TransferOptions {
     /// Refinement of views.
     pub views: ViewOptions,

@@ -3,15 +3,17 @@
 use super::bits::PatchBits;
 use super::delta::PatchRetracer;
 use super::patch::{PatchInputs, Resolution, Resolved, Shadowing, false_hit, resolve};
+use crate::engine::RoundFactor;
 use crate::error::BakeError;
 use crate::factor::{Baked, Candidates, Factor, Ledger, LoadChunk, Made, Source, Taken};
 use crate::points::buried::BuriedProbe;
-use crate::points::{ObjectPlan, Patch};
+use crate::points::{ObjectPlan, Patch, bare};
 use crate::reach::seen::{KnownPatch, PatchReach};
 use crate::reach::tile::{TileSet, TileTable, tiles};
-use prelight_manifests::{ChunkKind, Digest};
+use prelight_manifests::{ChunkKind, Digest, Technique};
 use prelight_runtime::block_product::visibility::Visibility;
 use prelight_store::Chunk;
+use std::ops::Range;
 
 /// Patches of a shard at most, about a second of work indoors: publishing takes two milliseconds of processor time however much it is.
 const SHARD_PATCHES: usize = 128;
@@ -89,6 +91,27 @@ impl<'a> Factor for VisibilityRound<'a> {
     type Row = TileTable;
     type Scratch = Scratch;
     type Kept = Traced;
+
+    fn factor(&self) -> RoundFactor<'_> {
+        RoundFactor { technique: Technique::BLOCK_PRODUCT.name(), index: 0 }
+    }
+
+    fn describe(&self, patches: Range<usize>) -> Option<Vec<u8>> {
+        let tasks = &self.tasks[patches];
+        if tasks.iter().any(|task| task.known.is_some()) || self.baker.paranoid.is_some() {
+            return None;
+        }
+        let mut bytes = Vec::new();
+        for part in tasks.chunk_by(|a, b| a.plan.object == b.plan.object) {
+            let patches: Vec<&Patch> = part.iter().map(|task| task.patch).collect();
+            bare::encode(part[0].plan, part[0].edge_length, None, &patches, &mut bytes);
+        }
+        Some(bytes)
+    }
+
+    fn evidence(&self, kept: &Traced) -> Vec<u8> {
+        kept.buried.clone()
+    }
 
     fn kind(&self) -> ChunkKind {
         ChunkKind::Visibility
