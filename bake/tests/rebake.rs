@@ -90,6 +90,7 @@ fn options(scene: &Scene) -> BakeOptions {
         techniques: Vec::new(),
         engine: Arc::new(Threads::default()),
         rebake: RebakeOptions::default(),
+        movers: Default::default(),
     }
 }
 

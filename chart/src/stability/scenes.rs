@@ -102,6 +102,7 @@ pub fn options(scene: &Scene, edge_length: f32) -> BakeOptions {
         techniques: Vec::new(),
         engine: Arc::new(Threads::default()),
         rebake: Default::default(),
+        movers: Default::default(),
     }
 }
 

@@ -6,15 +6,21 @@
 //! | [`tree`] | L: the merge tree, every cut of it |
 //! | [`regions`] | V: how much of each region a point sees, from its runs |
 //! | [`field`] | V of what moves: how much of a square an object blocks, from anywhere |
+//! | [`pose`] | where a moving object is |
+//! | [`brdf`] | ρ: means of a lobe over squares |
+//! | [`share`] | what movers leave of a point's light |
 //! | `summed_area` | sums of rectangles |
 //!
 //! On a still scene block products are better at every price; squares are for what they cannot do. Source: \[XJHT06\].
 
+pub mod brdf;
 pub mod field;
 #[cfg(test)]
 mod field_tests;
 pub mod moments;
+pub mod pose;
 pub mod regions;
+pub mod share;
 pub(crate) mod summed_area;
 pub mod tree;
 #[cfg(test)]
@@ -22,5 +28,7 @@ mod tree_tests;
 
 pub use field::{Field, FieldChunk};
 pub use moments::{Fit, Moments, Square};
+pub use pose::Pose;
 pub use regions::Regions;
+pub use share::Share;
 pub use tree::Tree;
