@@ -63,7 +63,14 @@ fn picture(asset: &Arc<Asset>, camera: &str, light: &str, path: &Path, size: (u3
     let environment = open_environment(asset, light, 0.0, context)?;
     let view = |size| ViewArgs { size, camera: Some(camera.to_string()), eye: None, look_at: None, fov: None };
     let wanted = |size: (u32, u32)| -> Result<Picture, Failure> {
-        Ok(Picture { camera: opened::camera(asset, &view(size))?, size: [size.0 as usize, size.1 as usize], samples: 16, clay: false })
+        Ok(Picture {
+            camera: opened::camera(asset, &view(size))?,
+            size: [size.0 as usize, size.1 as usize],
+            samples: 16,
+            clay: false,
+            moves: Vec::new(),
+            shadows: true,
+        })
     };
     let mut row = Summary::new();
     let frame = relight(asset, &environment, &wanted(size)?, Accuracy::FINE, &mut row)?.frame;

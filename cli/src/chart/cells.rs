@@ -106,7 +106,14 @@ impl Chart<'_> {
         kept_or_traced(self.store, self.key(light, view, &[]), self.args.size(), || {
             let truth = truth.get_or_insert_with(|| Truth::new(self.cells.asset, &light.environment, self.args.reference, self.bounces()));
             truth.picture(
-                &Picture { camera: view.camera, size: self.args.size(), samples: self.args.samples as usize, clay: false },
+                &Picture {
+                    camera: view.camera,
+                    size: self.args.size(),
+                    samples: self.args.samples as usize,
+                    clay: false,
+                    moves: Vec::new(),
+                    shadows: true,
+                },
                 self.context,
             )
         })
@@ -156,7 +163,8 @@ impl Chart<'_> {
         let small = [(width / SHARE).max(1), (height / SHARE).max(1)];
         let probe = Truth::new(self.cells.asset, &light.environment, SAMPLES, self.bounces());
         let size = small.map(|side| side as usize);
-        let traced = probe.picture(&Picture { camera: view.camera, size, samples: 1, clay: false }, self.context)?;
+        let traced = probe
+            .picture(&Picture { camera: view.camera, size, samples: 1, clay: false, moves: Vec::new(), shadows: true }, self.context)?;
         let pixels = f64::from(width * height) / f64::from(small[0] * small[1]);
         let reference = traced.seconds * pixels * f64::from(self.args.reference.max(SAMPLES)) / f64::from(SAMPLES);
         Ok(reference + self.cells.shading_seconds(light, view, picture, self.context.jobs))

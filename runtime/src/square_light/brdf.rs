@@ -210,6 +210,36 @@ impl<'a> SquareLobe<'a> {
     }
 }
 
+impl SquareLobe<'_> {
+    /// [`SquareLobe::mean`], and the standard deviation over the square of the sum of its terms. In small squares the deviation falls with their side.
+    pub fn mean_and_deviation(&self, centre: [f32; 3], half: f32) -> (Glossy, f32) {
+        let c = centre.map(f64::from);
+        let local = self.axes.map(|axis| dot(axis, c));
+        let p = disc_from_direction(local.map(|x| x as f32));
+        let (wide, mean) = (half.max(SMALL), self.mean(centre, half));
+        let (sum, square) = match self.tables {
+            Some((near, far, between)) => {
+                let [near, far] = [near, far].map(|table| table.mean(self.view[2] as f32, p, wide));
+                let [base, rest, square] = std::array::from_fn(|k| near[k] + between * (far[k] - near[k]));
+                (base + rest, square)
+            }
+            None => {
+                let values: [f32; DIRECT * DIRECT] = std::array::from_fn(|s| {
+                    let at = |k: usize, i: usize| p[k] + wide * (2.0 * (i as f32 + 0.5) / DIRECT as f32 - 1.0);
+                    let place = [at(0, s % DIRECT), at(1, s / DIRECT)].map(f64::from);
+                    let inside = place[0] * place[0] + place[1] * place[1] < 1.0;
+                    let [base, rest] = if inside { self.lobe.terms(self.view, direction_from_disc(place)) } else { [[0.0; 3]; 2] };
+                    (base[1] + rest[1]) as f32
+                });
+                let n = values.len() as f32;
+                (values.iter().sum::<f32>() / n, values.iter().map(|value| value * value).sum::<f32>() / n)
+            }
+        };
+        let deviation = (square - sum * sum).max(0.0).sqrt();
+        (mean, deviation * (half / wide))
+    }
+}
+
 /// Mean of a lobe over a square of its disc by `n`² samples: what tables are held against.
 pub fn sampled(lobe: &Lobe, view: [f64; 3], p: [f32; 2], half: f32, n: usize) -> [[f64; 3]; 2] {
     let mut sum = [[0.0; 3]; 2];

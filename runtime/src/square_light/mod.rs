@@ -8,6 +8,7 @@
 //! | [`field`] | V of what moves: how much of a square an object blocks, from anywhere |
 //! | [`pose`] | where a moving object is |
 //! | [`brdf`] | ρ: means of a lobe over squares |
+//! | [`product`] | B: sums over squares, and the cut of the tree at a point with its bound |
 //! | [`share`] | what movers leave of a point's light |
 //! | `summed_area` | sums of rectangles |
 //!
@@ -19,6 +20,7 @@ pub mod field;
 mod field_tests;
 pub mod moments;
 pub mod pose;
+pub mod product;
 pub mod regions;
 pub mod share;
 pub(crate) mod summed_area;
