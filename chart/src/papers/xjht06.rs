@@ -313,7 +313,7 @@ fn block_product(
         let (visibility, points) = (patch.visibility(), patch.points());
         let at = |i: usize| PointLobe { lobe, normal: points.normal[i], tangent: [0.0; 3] };
         for view in &views[..if lobe == Lobe::None { 1 } else { views.len() }] {
-            let (mut irradiance, mut glossy) = (vec![[[0.0; 3]; 3]; points.len()], vec![Glossy::default(); points.len()]);
+            let (mut irradiance, mut glossy) = (vec![[[0.0; 3]; 3]; visibility.len()], vec![Glossy::default(); visibility.len()]);
             let start = thread_nanoseconds();
             match lobe {
                 Lobe::None => shade_diffuse(prepared, &visibility, &mut irradiance),
@@ -323,8 +323,8 @@ fn block_product(
                 }
             }
             spent += thread_nanoseconds() - start;
-            n += points.len() as u64;
-            for i in (0..points.len()).step_by(8) {
+            n += visibility.len() as u64;
+            for i in (0..visibility.len()).step_by(8) {
                 let point = Point { position: points.position[i], normal: points.normal[i], open: Vec::new() };
                 let Some(v) = toward(&point, view) else { continue };
                 visibility.point(i).to_open_bits(light.face_resolution, &mut open);
@@ -372,7 +372,7 @@ pub fn mover_row(asset: &std::sync::Arc<Asset>, sample: &[usize], (name, light):
             continue;
         }
         let (visibility, points) = (patch.visibility(), patch.points());
-        for i in 0..points.len() {
+        for i in 0..visibility.len() {
             let normal = points.normal[i];
             let origin = std::array::from_fn(|k| points.position[i][k] + 1e-4 * normal[k]);
             occluders.open_texels(&TraceOrigin { origin, normal, base_triangles: &[] }, n, &mut scratch, &mut past);
