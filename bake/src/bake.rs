@@ -6,11 +6,12 @@
 //! so any limit and any number of threads give the same digest.
 
 mod context;
+mod movers;
 mod sealing;
 mod stats;
 mod work;
 
-pub use crate::options::{BakeOptions, Paranoid, RebakeOptions};
+pub use crate::options::{BakeOptions, Movers, Paranoid, RebakeOptions};
 pub use stats::{BakeStats, TileStats};
 
 use crate::block_product::visibility::baker::VisibilityBaker;
@@ -103,13 +104,72 @@ pub fn bake_with_previews(
     progress: &dyn Progress,
     preview: Option<&mut OnPreview>,
 ) -> Result<Baked, BakeError> {
+    if options.movers.any() {
+        return bake_moving(scene, world, counts, options, store, progress, preview);
+    }
+    bake_still(scene, world, counts, options, store, progress, preview, Moving::default())
+}
+
+/// Objects that are baked before the others.
+#[derive(Default)]
+struct Moving {
+    /// By their index in the scene.
+    made: Vec<(usize, AssetObject)>,
+    stats: BakeStats,
+}
+
+/// Bakes each object that moves by itself, then the others without them.
+fn bake_moving(
+    scene: &Scene,
+    world: &World,
+    counts: Option<&[u64]>,
+    options: &BakeOptions,
+    store: &Store,
+    progress: &dyn Progress,
+    preview: Option<&mut OnPreview>,
+) -> Result<Baked, BakeError> {
+    let movers = (0..scene.objects.len()).filter(|object| options.movers.is_mover(*object));
+    let (mut moving, mut own) = (Moving::default(), Scene { objects: Vec::new(), ..scene.clone() });
+    for object in movers.filter(|object| options.rebake.wants(*object)) {
+        let scale = movers::own_scale(&scene.objects[object])?;
+        movers::own_scene(&mut own, &scene.objects[object], scale);
+        let (own_world, own_options) = (World::build(&own), movers::own_options(options, object));
+        let field = movers::field(&own, &own_world, &own_options, store, &mut moving.stats, progress)?;
+        let Baked { content, stats, .. } = bake_still(&own, &own_world, None, &own_options, store, progress, None, Moving::default())?;
+        moving.stats.absorb(stats);
+        let place = scene.objects[object].world_from_local;
+        let made = content.objects.into_iter().map(|made| AssetObject {
+            world_from_local: place,
+            moves: movers::moves(scale, field.clone()),
+            ..made
+        });
+        moving.made.extend(made.map(|made| (object, made)));
+    }
+    let mut still = options.clone();
+    still.rebake.only =
+        Some((0..scene.objects.len()).map(|object| options.rebake.wants(object) && !options.movers.is_mover(object)).collect());
+    bake_still(scene, &movers::still_world(world, &options.movers), counts, &still, store, progress, preview, moving)
+}
+
+/// [`bake_with_previews`] of objects that stand still, beside those that are made already.
+fn bake_still(
+    scene: &Scene,
+    world: &World,
+    counts: Option<&[u64]>,
+    options: &BakeOptions,
+    store: &Store,
+    progress: &dyn Progress,
+    preview: Option<&mut OnPreview>,
+    moving: Moving,
+) -> Result<Baked, BakeError> {
     let clock = Clock::default();
     let layer_of = layers(scene, world, &options.rebake.layers);
     let pieces = Pieces::build(scene, world, &layer_of, MAX_LAYERS);
     let wanted = |object: usize| options.rebake.wants(object);
     let keys = object_keys(scene, world, &pieces, options, &wanted);
     let snapshot = snapshot(&pieces, &keys);
-    let mut run = Run { scene, world, options, store, clock, stats: BakeStats::default(), objects: vec![None; keys.len()] };
+    let mut run = Run { scene, world, options, store, clock, stats: moving.stats, objects: vec![None; keys.len()] };
+    moving.made.into_iter().for_each(|(object, made)| run.objects[object] = Some(made));
     let mut known = run.take_known(&keys, &snapshot)?;
     let missing: Vec<bool> = run.objects.iter().enumerate().map(|(object, known)| wanted(object) && known.is_none()).collect();
     let counts = run.count(counts, &missing, &known)?;
@@ -150,7 +210,14 @@ pub fn bake_with_previews(
             store,
             progress,
         };
-        run.stats.count_bounces(&add_links(&inputs, &mut objects, &in_scene)?);
+        // What moves gets no bounced light, and sends none: links are of what stands still.
+        let (moving, mut still): (Vec<_>, Vec<_>) = in_scene.into_iter().zip(objects).partition(|(_, object)| object.moves.is_some());
+        let in_scene: Vec<usize> = still.iter().map(|(at, _)| *at).collect();
+        let mut linked: Vec<AssetObject> = still.drain(..).map(|(_, object)| object).collect();
+        run.stats.count_bounces(&add_links(&inputs, &mut linked, &in_scene)?);
+        let mut all: Vec<(usize, AssetObject)> = in_scene.into_iter().zip(linked).chain(moving).collect();
+        all.sort_by_key(|(at, _)| *at);
+        objects = all.into_iter().map(|(_, object)| object).collect();
         run.clock.lap("bounce");
     }
     let mut baked = finish(scene, world, options, store, objects, run.stats)?;

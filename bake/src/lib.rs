@@ -12,6 +12,7 @@
 //! | [`engine`] | who runs the shards |
 //! | [`factor`] | what a patch is baked for, and the one driver |
 //! | [`block_product`], [`vmf_transfer`] | what belongs to one technique |
+//! | [`square_light`] | fields of objects that move |
 //! | [`budget`] | the fewest points that keep to a budget of error |
 //! | [`options`] | what decides a bake |
 //! | [`cost`] | points counted, memory and time estimated |
@@ -40,6 +41,7 @@ pub mod reference;
 pub mod reuse;
 pub mod seal;
 pub mod settings;
+pub mod square_light;
 pub mod trace;
 pub mod vmf_transfer;
 

@@ -9,7 +9,7 @@ use crate::engine::Engine;
 use crate::factor::Technique;
 use crate::mesh::PointParams;
 use crate::trace::TreeQuality;
-use prelight_manifests::quality::Shades;
+use prelight_manifests::quality::{FieldQuality, Shades};
 use std::sync::Arc;
 
 /// What decides a bake, besides the scene.
@@ -33,6 +33,29 @@ pub struct BakeOptions {
     pub engine: Arc<dyn Engine>,
     /// What concerns work that is already in the store.
     pub rebake: RebakeOptions,
+    /// Objects that an app may move.
+    pub movers: Movers,
+}
+
+/// Which objects move, and how finely what they block is kept.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Movers {
+    /// One per object; may be shorter.
+    pub moves: Vec<bool>,
+    /// Of their fields.
+    pub field_quality: FieldQuality,
+}
+
+impl Movers {
+    /// Whether an object moves.
+    pub fn is_mover(&self, object: usize) -> bool {
+        self.moves.get(object).copied().unwrap_or(false)
+    }
+
+    /// Whether any does.
+    pub fn any(&self) -> bool {
+        self.moves.contains(&true)
+    }
 }
 
 impl BakeOptions {

@@ -9,7 +9,7 @@ use crate::engine::Threads;
 use crate::error::BakeError;
 use crate::factor::Technique;
 use crate::mesh::PointParams;
-use crate::options::{BakeOptions, RebakeOptions};
+use crate::options::{BakeOptions, Movers, RebakeOptions};
 use crate::progress::Progress;
 use crate::trace::{OccluderOptions, Occluders, TreeQuality};
 use crate::vmf_transfer::VmfTransfer;
@@ -92,6 +92,10 @@ impl Settings {
             bounces: bounces(&manifest.bounces),
             memory,
             engine: Arc::new(Threads::default()),
+            movers: Movers {
+                moves: objects.iter().map(|object| object.moves).collect(),
+                field_quality: manifest.bake.field_quality.unwrap_or_default(),
+            },
             rebake: RebakeOptions { layers: objects.iter().map(|object| object.layer).collect(), ..RebakeOptions::default() },
         };
         let known = derived.as_ref().map(|density| (start.with_edge_length(edge_length), &density.points[..]));

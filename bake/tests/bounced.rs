@@ -68,6 +68,7 @@ fn options(scene: &Scene, edge_length: f32, bounces: BounceOptions) -> BakeOptio
         memory: 1 << 30,
         techniques: Vec::new(),
         bounces: Some(bounces),
+        movers: Default::default(),
         engine: Arc::new(Threads::default()),
         rebake: RebakeOptions::default(),
     }

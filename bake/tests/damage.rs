@@ -46,6 +46,7 @@ fn options(scene: &Scene) -> BakeOptions {
         bounces: None,
         engine: Arc::new(Threads::default()),
         rebake: RebakeOptions::default(),
+        movers: Default::default(),
     }
 }
 

@@ -91,6 +91,7 @@ fn options(scene: &Scene) -> BakeOptions {
         bounces: None,
         engine: Arc::new(Threads::default()),
         rebake: RebakeOptions::default(),
+        movers: Default::default(),
     }
 }
 

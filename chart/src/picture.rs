@@ -87,6 +87,7 @@ impl PictureView {
                 lune: lune.get(object.points.clone()).unwrap_or_default(),
                 glossy: &all.glossy[object.points.clone()],
                 coat: &[],
+                share: &[],
                 between: between[i].as_ref().map(|between| between as &dyn BetweenPoints),
                 point_flags: &self.flags[object.points.clone()],
             })

@@ -8,6 +8,7 @@ mod ld09;
 mod machine;
 mod results;
 mod stability;
+mod xjht06;
 
 use crate::bake::{RebakeArgs, bake_file, bake_loaded, default_store};
 use crate::loaded::Loaded;
@@ -62,6 +63,7 @@ pub fn run(args: ChartArgs, context: &Context) -> Result<Summary, Failure> {
     let (width, height) = args.size;
     let views = views(asset, width as f32 / height as f32, args.views as usize);
     match args.paper {
+        Some(Paper::Xjht06) => return xjht06::xjht06(&args, asset, &lights, &views, context),
         Some(Paper::Ifl) => return ifl::ifl(&args, asset, &lights, &views, context),
         Some(Paper::Ld09) => {
             let bake = (&baked.summary, [baked.seconds, baked.cpu_seconds]);

@@ -69,6 +69,8 @@ fn picture(asset: &Arc<Asset>, camera: &str, light: &str, path: &Path, size: (u3
             samples: 16,
             clay: false,
             direct: false,
+            moves: Vec::new(),
+            shadows: true,
         })
     };
     let mut row = Summary::new();

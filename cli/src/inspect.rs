@@ -321,7 +321,7 @@ fn map_error(asset: &Arc<Asset>, args: &InspectArgs, output: &Path, context: &Co
     let environment = open_environment(asset, name, 0.0, context)?;
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
     let mut summary = Summary::new();
-    let picture = Picture { camera, size, samples: 16, clay: false, direct: false };
+    let picture = Picture { camera, size, samples: 16, clay: false, direct: false, moves: Vec::new(), shadows: true };
     let frame = relight(asset, &environment, &picture, Accuracy::FINE, &mut summary)?.frame;
     let truth = Truth::new(asset, &environment, args.reference, None).picture(&picture, context)?;
     let metrics = compare(&frame.image, &truth.images.image, &truth.images.mask, None, Some([&truth.images.half_a, &truth.images.half_b]))?;

@@ -19,6 +19,7 @@ use prelight_runtime::draw::{Background, Style};
 use prelight_runtime::environment::{Environment, LightCubemap};
 use prelight_runtime::light::layer::{Highlights, Indirect};
 use prelight_runtime::relight::{Relighter, View};
+use prelight_runtime::square_light::Pose;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -46,6 +47,12 @@ pub struct RenderArgs {
     /// Samples a pixel
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: u32,
+    /// Put an object that moves elsewhere: its name, where its own origin goes, metres, and turns about X, then Y, then Z, degrees; may be given again
+    #[arg(long = "move", value_name = "NAME=X,Y,Z[,RX,RY,RZ]", value_parser = moved, allow_hyphen_values = true)]
+    pub moves: Vec<Move>,
+    /// Leave out the shadows that objects that move cast
+    #[arg(long)]
+    pub no_shares: bool,
     /// How exact glossy light is: fine for measurements, its highlights looked up per pixel; display as an app with a moving light, in half the time
     #[arg(long, value_enum, default_value = "fine")]
     pub accuracy: GlossyAccuracy,
@@ -102,7 +109,8 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     let mut summary = Summary::new();
     summary.set("image", args.output.display().to_string());
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
-    let picture = Picture { camera, size, samples: args.samples as usize, clay: args.clay, direct: args.direct };
+    let moves = args.moves.clone();
+    let picture = Picture { camera, size, samples: args.samples as usize, clay: args.clay, direct: args.direct, moves, shadows: !args.no_shares };
     let relit =
         if args.reference_only { None } else { Some(relight(&asset, &environment, &picture, args.accuracy.accuracy(), &mut summary)?) };
     summary.set("seconds.open", open);
@@ -113,7 +121,7 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     let mut used = exposure;
     if let Some(spp) = args.reference {
         let bounces = if args.direct || args.clay { args.bounces.or(Some(0)) } else { args.bounces };
-        let tracer = Truth::new(&asset, &environment, spp, bounces);
+        let tracer = Truth::moved(&asset, &environment, spp, bounces, &args.moves)?;
         let truth = tracer.picture(&picture, context)?;
         let path = if args.reference_only { args.output.clone() } else { reference_path(&args.output) };
         used = Some(exposure.unwrap_or_else(|| automatic_exposure(&truth.images.image, &truth.images.mask)));
@@ -145,6 +153,34 @@ pub struct Picture {
     pub clay: bool,
     /// Without light over other surfaces.
     pub direct: bool,
+    /// Objects that are not where the scene has them.
+    pub moves: Vec<Move>,
+    /// Whether objects that move cast shadows.
+    pub shadows: bool,
+}
+
+/// `--move`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Move {
+    /// Object's name.
+    pub name: String,
+    /// Of its own space.
+    pub pose: Pose,
+}
+
+/// Reads NAME=X,Y,Z[,RX,RY,RZ].
+fn moved(text: &str) -> Result<Move, String> {
+    let wanted = "NAME=X,Y,Z or NAME=X,Y,Z,RX,RY,RZ in metres and degrees";
+    let (name, numbers) = text.rsplit_once('=').ok_or(format!("wanted: {wanted}"))?;
+    let numbers: Result<Vec<f64>, _> = numbers.split(',').map(|number| number.trim().parse::<f64>()).collect();
+    match numbers.as_deref() {
+        Ok([x, y, z, turns @ ..]) if matches!(turns.len(), 0 | 3) && !name.is_empty() => {
+            let turns: [f64; 3] = std::array::from_fn(|k| turns.get(k).copied().unwrap_or(0.0));
+            let is_finite = [*x, *y, *z].iter().chain(&turns).all(|number| number.is_finite());
+            is_finite.then(|| Move { name: name.to_string(), pose: Pose::new([*x, *y, *z], turns) }).ok_or("numbers are finite".to_string())
+        }
+        _ => Err(format!("wanted: {wanted}")),
+    }
 }
 
 /// A picture drawn from a bake, and what drew it.
@@ -175,6 +211,10 @@ pub fn relight(
     // Clay has its own bounces, which nobody baked.
     relighter.set_indirect(if picture.clay || picture.direct { Indirect::LeftOut } else { Indirect::Added });
     relighter.set_accuracy(accuracy);
+    relighter.set_shadows(picture.shadows);
+    for Move { name, pose } in &picture.moves {
+        relighter.set_object_transform(name, pose.matrix([1.0; 3]))?;
+    }
     // For pictures that are made once; an app with a moving light would wait for the filtered light that it takes.
     if picture.clay || accuracy == Accuracy::FINE {
         relighter.set_highlights(if picture.clay { Highlights::Interpolated } else { Highlights::PerPixel });
@@ -192,6 +232,9 @@ pub fn relight(
         relighter.shade(picture.camera.eye, Some(&view.points))?
     };
     summary.set("seconds.shade", clock.elapsed().as_secs_f64()).set("points_shaded", shaded);
+    if relighter.movers().next().is_some() {
+        summary.set("points_shared", relighter.work_counts().shared);
+    }
     let clock = Instant::now();
     let frame = relighter.draw(&view, Background::Environment(environment), Style::clay_if(picture.clay))?;
     summary.set("seconds.draw", raster + clock.elapsed().as_secs_f64());

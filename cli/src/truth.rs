@@ -1,7 +1,7 @@
 //! The truth beside a picture: the reference path tracer on the asset's own base geometry.
 
-use super::render::{Picture, Relit};
-use super::{Context, Failure, Summary};
+use super::render::{Move, Picture, Relit};
+use super::{Context, ExitCode, Failure, Summary};
 use prelight_bake::reference::{ReferenceImages, ReferenceOptions, render_reference, render_targets};
 use prelight_bake::trace::{OccluderOptions, Occluders};
 use prelight_chart::process_seconds;
@@ -65,11 +65,27 @@ const LEAF_SIZE: usize = 16;
 impl<'a> Truth<'a> {
     /// Prepares references of `samples` paths a pixel. `bounces`: [`usual_bounces`] unless it is said.
     pub fn new(asset: &'a Asset, environment: &'a Environment, samples: u32, bounces: Option<u32>) -> Self {
+        Truth::moved(asset, environment, samples, bounces, &[]).expect("nothing moves")
+    }
+
+    /// [`Truth::new`] of objects that are not where the scene has them.
+    ///
+    /// # Errors
+    /// An object that does not move, or is not there.
+    pub fn moved(asset: &'a Asset, environment: &'a Environment, samples: u32, bounces: Option<u32>, moves: &[Move]) -> Result<Self, Failure> {
         let bounces = bounces.unwrap_or_else(|| usual_bounces(asset));
-        let scene = scene_from_asset(asset);
+        let mut scene = scene_from_asset(asset);
+        for Move { name, pose } in moves {
+            let object = asset.objects().iter().position(|object| object.name == *name);
+            let scale = object.and_then(|object| asset.objects()[object].moves.as_ref()).map(|moves| moves.scale);
+            match object.zip(scale) {
+                Some((object, scale)) => scene.objects[object].world_from_local = pose.matrix(scale),
+                None => return Err(Failure::text(ExitCode::Input, format!("--move {name}: no object of that name moves"))),
+            }
+        }
         let world = World::build(&scene);
         let occluders = Occluders::build(&world, &scene.textures, OccluderOptions { leaf_size: LEAF_SIZE, ..OccluderOptions::default() });
-        Truth { asset, environment, scene, world, occluders, samples, bounces }
+        Ok(Truth { asset, environment, scene, world, occluders, samples, bounces })
     }
 
     /// Traces a picture.

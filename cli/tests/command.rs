@@ -397,6 +397,7 @@ fn asset(name: &str, n: u8, seed: u8) -> prelight_manifests::AssetManifest {
         edge_length: 0.05,
         mesh: chunk(ChunkKind::Mesh, 4),
         patches: (0..n).map(patch).collect(),
+        moves: None,
     };
     prelight_manifests::AssetManifest {
         format: prelight_manifests::version::ASSET_FORMAT,

@@ -83,6 +83,20 @@ pub struct AssetObject {
     pub mesh: Descriptor,
     /// Patches in order; point `i` of the object lies in the patch whose running count holds `i`.
     pub patches: Vec<AssetPatch>,
+    /// What makes it an object that moves; its mesh and points are then in its own space, `base` times the scale.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moves: Option<AssetMover>,
+}
+
+/// What an object that an app may move has beside the others.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AssetMover {
+    /// Scale along the axes of `base`, in `world_from_local` and not part of any move.
+    pub scale: [f64; 3],
+    /// What it blocks, seen from around it; absent where nothing of it blocks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field: Option<Descriptor>,
 }
 
 /// At most 256 points and what was baked for them.
@@ -114,7 +128,8 @@ impl AssetPatch {
 impl AssetObject {
     /// Every chunk of the object, in a fixed order, with repeats.
     pub fn descriptors(&self) -> impl Iterator<Item = &Descriptor> {
-        [&self.base, &self.mesh].into_iter().chain(self.patches.iter().flat_map(AssetPatch::descriptors))
+        let field = self.moves.iter().filter_map(|moves| moves.field.as_ref());
+        [&self.base, &self.mesh].into_iter().chain(field).chain(self.patches.iter().flat_map(AssetPatch::descriptors))
     }
 }
 

@@ -38,12 +38,14 @@ pub enum ChunkKind {
     Base,
     /// Measured surface: values over the angles of half and difference vector.
     Brdf,
+    /// What an object that moves blocks, seen from around it.
+    Field,
     /// A factor of a technique that lives outside of this repository: see [`ChunkKind::custom`].
     Custom(Name<16>),
 }
 
 /// Every kind that this crate lists, with its name.
-const NAMED: [(ChunkKind, &str); 14] = [
+const NAMED: [(ChunkKind, &str); 15] = [
     (ChunkKind::Points, "points"),
     (ChunkKind::Surface, "surface"),
     (ChunkKind::Visibility, "visibility"),
@@ -58,6 +60,7 @@ const NAMED: [(ChunkKind, &str); 14] = [
     (ChunkKind::Image, "image"),
     (ChunkKind::Base, "base"),
     (ChunkKind::Brdf, "brdf"),
+    (ChunkKind::Field, "field"),
 ];
 
 impl ChunkKind {
@@ -109,8 +112,8 @@ impl ChunkKind {
     /// Whether shading or drawing reads the chunk where it lies, so that it is best stored uncompressed. The others are looked at once,
     /// when an asset is opened, or never by an app.
     pub fn is_hot(&self) -> bool {
-        use ChunkKind::{Base, Brdf, Cameras, Image, Materials, Names, Rows};
-        !matches!(self, Materials | Cameras | Names | Image | Base | Brdf | Rows)
+        use ChunkKind::{Base, Brdf, Cameras, Field, Image, Materials, Names, Rows};
+        !matches!(self, Materials | Cameras | Names | Image | Base | Brdf | Field | Rows)
     }
 }
 

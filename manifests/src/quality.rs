@@ -153,6 +153,30 @@ impl FromStr for Quality {
     }
 }
 
+/// How finely the field of an object that moves is kept: places around it, and directions from each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum FieldQuality {
+    /// 1.4 MB a field.
+    Draft,
+    /// 5.5 MB.
+    #[default]
+    Medium,
+    /// 19.5 MB.
+    High,
+}
+
+impl FieldQuality {
+    /// Steps of places along a cube's face, and texels along a map.
+    pub fn steps_and_texels(self) -> [usize; 2] {
+        match self {
+            FieldQuality::Draft => [8, 16],
+            FieldQuality::Medium => [8, 32],
+            FieldQuality::High => [16, 32],
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

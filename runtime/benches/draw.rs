@@ -56,7 +56,8 @@ fn draw(criterion: &mut Criterion) {
     let see = || Visibility::new(&[mesh], &materials, &[], &camera, SIZE, 16).unwrap();
     let visibility = see();
     let irradiance = vec![[[0.0, std::f32::consts::PI, 0.0]; 3]; floor.position.len()];
-    let objects = [DrawObject { mesh, irradiance: &irradiance, lune: &[], glossy: &[], coat: &[], between: None, point_flags: &[] }];
+    let objects =
+        [DrawObject { mesh, irradiance: &irradiance, lune: &[], glossy: &[], coat: &[], share: &[], between: None, point_flags: &[] }];
     let scene = DrawScene { objects: &objects, materials: &materials, textures: &[], tables: &[], background: &|_| [0.2; 3], clay: true };
     let frame = draw_visible(&scene, &visibility).unwrap();
     let lit = frame.image.pixels.iter().filter(|p| (p[0] - 0.5).abs() < 1e-5).count();

@@ -56,6 +56,14 @@ pub enum RuntimeError {
         /// What is in the way.
         what: String,
     },
+    /// An object that cannot be put where it was asked to be.
+    #[error("object {name:?} cannot be moved: {what}")]
+    Mover {
+        /// Name asked for.
+        name: String,
+        /// What is in the way, and what to do.
+        what: String,
+    },
     /// Shading before there was a light.
     #[error("there is no light yet: a light is set before points are shaded")]
     NoLight,

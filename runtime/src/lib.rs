@@ -37,6 +37,7 @@ pub mod error;
 pub mod light;
 pub mod relight;
 pub mod sphere;
+pub mod square_light;
 pub mod surface;
 pub mod vmf_transfer;
 

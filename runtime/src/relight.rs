@@ -19,12 +19,16 @@
 pub mod backend;
 mod bounced;
 mod cpu;
+mod moving;
+mod poses;
 mod surfaces;
 mod techniques;
 mod work;
 
 pub use backend::Backend;
 pub use cpu::{Cpu, CpuAsset};
+pub use moving::WorkCounts;
+pub use poses::Poses;
 pub use surfaces::Surfaces;
 pub use techniques::{LayerFactory, Techniques};
 
@@ -40,6 +44,7 @@ use crate::environment::LightCubemap;
 use crate::error::RuntimeError;
 use crate::light::layer::{Bounces, Highlights, Indirect, LightOptions};
 use crate::light::{Accuracy, Glossy};
+use crate::square_light::{Pose, Share};
 use crate::surface::Material;
 use backend::{DrawJob, ShadeJob};
 use std::sync::Arc;
@@ -50,6 +55,7 @@ pub struct Relighter<B: Backend = Cpu> {
     backend: B,
     held: B::Asset,
     surfaces: Surfaces,
+    poses: Poses,
     options: LightOptions,
     /// The current one.
     light: Option<LightCubemap>,
@@ -90,6 +96,23 @@ impl Relighter {
         &self.held.glossy
     }
 
+    /// `[points]` what objects that move leave of the light of the points shaded last; empty where nothing moves.
+    pub fn shares(&self) -> &[Share] {
+        self.held.moving.as_ref().map_or(&[], |moving| &moving.shares)
+    }
+
+    /// Whether objects that move cast shadows, from the next [`Relighter::shade`] on; from the start they do.
+    pub fn set_shadows(&mut self, cast: bool) {
+        if let Some(moving) = &mut self.held.moving {
+            moving.set_casts(cast);
+        }
+    }
+
+    /// What was computed since the relighter was made.
+    pub fn work_counts(&self) -> WorkCounts {
+        self.held.counts()
+    }
+
     /// Draws each pixel of a view at the point that weighs most in it: the error at points, without interpolation's.
     ///
     /// # Errors
@@ -109,7 +132,8 @@ impl<B: Backend> Relighter<B> {
         let highlights = if asset.has_transfer() { Highlights::PerPixel } else { Highlights::Interpolated };
         let held = backend.upload(&asset)?;
         let options = LightOptions { highlights, ..LightOptions::default() };
-        let mut relighter = Relighter { surfaces: Surfaces::new(&asset), backend, held, options, light: None, asset };
+        let mut relighter =
+            Relighter { surfaces: Surfaces::new(&asset), poses: Poses::new(&asset), backend, held, options, light: None, asset };
         relighter.configure();
         Ok(relighter)
     }
@@ -186,6 +210,46 @@ impl<B: Backend> Relighter<B> {
     /// roughness texture. Nothing is changed then.
     pub fn set_material(&mut self, index: usize, material: Material) -> Result<(), RuntimeError> {
         self.surfaces.set(&self.asset, index, material)
+    }
+
+    /// Puts an object that moves somewhere: a column-major transform of its own space into the world that moves and turns it; scales are baked. The next
+    /// [`Relighter::view`] and [`Relighter::shade`] show it. Its light and its shadow follow; light that comes over it from other surfaces does not.
+    ///
+    /// # Errors
+    /// A name that no moving object has; a transform that does more than move and turn, or is not finite. Nothing is changed then.
+    pub fn set_object_transform(&mut self, name: &str, world_from_object: [f64; 16]) -> Result<(), RuntimeError> {
+        let error = |what: String| RuntimeError::Mover { name: name.to_string(), what };
+        let Some(object) = self.asset.objects().iter().position(|object| object.name == name) else {
+            let movers: Vec<&str> = self.movers().collect();
+            let known = if movers.is_empty() {
+                "none was baked with `moves = true`".to_string()
+            } else {
+                format!("those that move: {}", movers.join(", "))
+            };
+            return Err(error(format!("there is no such object\n  help: {known}")));
+        };
+        if self.asset.objects()[object].moves.is_none() {
+            return Err(error(
+                "it was baked in its place\n  help: give it `moves = true` in an [[object]] of scene.toml and bake again".to_string(),
+            ));
+        }
+        let pose = Pose::rigid(&world_from_object);
+        let pose =
+            pose.ok_or_else(|| error("its transform must be finite, and move and turn alone: scales are those of the bake".to_string()))?;
+        self.backend.place(&mut self.held, &self.asset, object, &pose, self.light.as_ref())?;
+        self.poses.place(&self.asset, object, pose);
+        Ok(())
+    }
+
+    /// Where an object that moves is now, column-major; `None` of others.
+    pub fn object_transform(&self, name: &str) -> Option<[f64; 16]> {
+        let object = self.asset.objects().iter().position(|object| object.name == name)?;
+        self.poses.of(object).map(|pose| pose.matrix([1.0; 3]))
+    }
+
+    /// Names of the objects that move.
+    pub fn movers(&self) -> impl Iterator<Item = &str> {
+        self.asset.objects().iter().filter(|object| object.moves.is_some()).map(|object| &object.name[..])
     }
 
     /// Changes the light.
@@ -274,10 +338,10 @@ impl<B: Backend> Relighter<B> {
         if found != expected {
             return Err(RuntimeError::Points { found, expected });
         }
-        Ok(DrawJob { asset: &self.asset, surfaces: &self.surfaces, view, background, style })
+        Ok(DrawJob { asset: &self.asset, surfaces: &self.surfaces, poses: &self.poses, view, background, style })
     }
 
     fn meshes(&self) -> Vec<Mesh<'_>> {
-        (0..self.asset.objects().len()).map(|object| self.asset.mesh(object)).collect()
+        (0..self.asset.objects().len()).map(|object| self.poses.mesh(&self.asset, object)).collect()
     }
 }

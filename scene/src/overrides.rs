@@ -36,6 +36,8 @@ pub struct ObjectKnobs {
     pub technique: Technique,
     /// Layer of occluders, where a rule fixes it (`prelight_bake::reach::layer`).
     pub layer: Option<u8>,
+    /// An app may move it.
+    pub moves: bool,
     /// The rest.
     pub knobs: Knobs,
 }
@@ -202,12 +204,12 @@ fn apply(rule: &MaterialRule, material: &mut Material) {
 /// A rule's `quality` replaces the preset; knobs that `[bake]` itself sets stay, and so does its `edge_length` unless the rule has one.
 pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec<ObjectKnobs>, Vec<String>), SceneError> {
     let mut sections = vec![manifest.bake.clone(); objects.len()];
-    let mut layers = vec![None; objects.len()];
+    let mut layers = vec![(None, false); objects.len()];
     let mut warnings = Vec::new();
     for (i, rule) in manifest.object.iter().enumerate() {
         let glob = matcher(&format!("object[{i}].match"), &rule.pattern, true)?;
         let mut n_matches = 0;
-        for ((section, layer), object) in sections.iter_mut().zip(&mut layers).zip(objects) {
+        for ((section, (layer, moves)), object) in sections.iter_mut().zip(&mut layers).zip(objects) {
             if object_matches(&glob, &rule.pattern, &object.name) {
                 section.quality = rule.quality.unwrap_or(section.quality);
                 section.technique = rule.technique.unwrap_or(section.technique);
@@ -217,6 +219,7 @@ pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec
                 section.visibility = rule.visibility.or(section.visibility);
                 section.smooth_angle_deg = rule.smooth_angle_deg.or(section.smooth_angle_deg);
                 *layer = rule.layer.or(*layer);
+                *moves = rule.moves.unwrap_or(*moves);
                 n_matches += 1;
             }
         }
@@ -224,8 +227,9 @@ pub fn object_knobs(manifest: &SceneManifest, objects: &[Object]) -> Result<(Vec
             warnings.push(format!("object[{i}].match = \"{}\" matches no object", rule.pattern));
         }
     }
-    let resolve = |(section, layer): (prelight_manifests::scene::BakeSection, Option<u8>)| ObjectKnobs {
+    let resolve = |(section, (layer, moves)): (prelight_manifests::scene::BakeSection, (Option<u8>, bool))| ObjectKnobs {
         layer,
+        moves,
         edge_length: section.edge_length,
         max_error: section.max_error,
         smooth_angle_deg: section.smooth_angle_deg,

@@ -130,6 +130,7 @@ impl Context<'_> {
             edge_length: self.options.points[plan.object as usize].edge_length,
             mesh,
             patches,
+            moves: None,
         })
     }
 

@@ -39,6 +39,10 @@ pub struct BakeStats {
     pub bytes_resident: u64,
     /// Bytes that this bake added to the store.
     pub bytes_stored: u64,
+    /// Fields of objects that move: traced.
+    pub fields_made: u64,
+    /// Fields that the store had.
+    pub fields_known: u64,
     /// Errors between points, per object, where they were measured.
     pub errors: Vec<ObjectError>,
     /// Seconds per stage, in order.
@@ -58,6 +62,26 @@ impl BakeStats {
     pub(super) fn count_bounces(&mut self, work: &BounceWork) {
         self.bytes_stored += work.bytes_stored;
         self.bounce_rays = [work.rays_cast, work.rays];
+    }
+
+    /// Adds what the bake of an object alone counted.
+    pub(super) fn absorb(&mut self, own: BakeStats) {
+        for (sum, count) in [
+            (&mut self.points, own.points),
+            (&mut self.buried, own.buried),
+            (&mut self.triangles, own.triangles),
+            (&mut self.patches, own.patches),
+            (&mut self.patches_traced, own.patches_traced),
+            (&mut self.points_split, own.points_split),
+            (&mut self.points_made, own.points_made),
+            (&mut self.bytes_stored, own.bytes_stored),
+            (&mut self.fields_made, own.fields_made),
+            (&mut self.fields_known, own.fields_known),
+        ] {
+            *sum += count;
+        }
+        self.tiles.absorb(&own.tiles);
+        self.errors.extend(own.errors);
     }
 
     /// A count of a technique's factors; 0 where nothing was counted.
@@ -92,6 +116,12 @@ pub struct TileStats {
 }
 
 impl TileStats {
+    fn absorb(&mut self, own: &TileStats) {
+        let TileStats { live, new, redone, changed, known, traced } = *own;
+        (self.live, self.new, self.redone) = (self.live + live, self.new + new, self.redone + redone);
+        (self.changed, self.known, self.traced) = (self.changed + changed, self.known + known, self.traced + traced);
+    }
+
     pub(super) fn add(&mut self, result: &Traced) {
         let live = u64::from(result.live.count_ones());
         self.live += live;

@@ -111,6 +111,7 @@ impl ObjectChunks {
             edge_length: options.points[object].edge_length,
             mesh: self.mesh.clone(),
             patches,
+            moves: None,
         }
     }
 }

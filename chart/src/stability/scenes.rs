@@ -103,6 +103,7 @@ pub fn options(scene: &Scene, edge_length: f32) -> BakeOptions {
         bounces: None,
         engine: Arc::new(Threads::default()),
         rebake: Default::default(),
+        movers: Default::default(),
     }
 }
 

@@ -30,7 +30,7 @@ pub struct ChartArgs {
     /// Points that are timed
     #[arg(long, value_name = "N", default_value_t = 2048, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub timed_points: u32,
-    /// Only the tables and figures of a paper, made with its own algorithm: ifl, ld09
+    /// Only the tables and figures of a paper, made with its own algorithm: ifl, ld09, xjht06
     #[arg(long, value_name = "PAPER")]
     pub paper: Option<Paper>,
     /// Surfaces between the camera's and the light in the references, where the asset has indirect light
@@ -68,6 +68,8 @@ pub enum Paper {
     Ifl,
     /// Laurijssen, Dutré: lobes for glossy interreflections; the scene's technique is `vmf_transfer`.
     Ld09,
+    /// Xu and others: lights in few squares, and objects that move.
+    Xjht06,
 }
 
 impl ChartArgs {

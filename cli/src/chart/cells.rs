@@ -107,7 +107,15 @@ impl Chart<'_> {
             let truth =
                 truth.get_or_insert_with(|| Truth::new(self.cells.asset, &light.environment, self.args.reference, Some(self.bounces())));
             truth.picture(
-                &Picture { camera: view.camera, size: self.args.size(), samples: self.args.samples as usize, clay: false, direct: false },
+                &Picture {
+                    camera: view.camera,
+                    size: self.args.size(),
+                    samples: self.args.samples as usize,
+                    clay: false,
+                    direct: false,
+                    moves: Vec::new(),
+                    shadows: true,
+                },
                 self.context,
             )
         })
@@ -157,7 +165,8 @@ impl Chart<'_> {
         let small = [(width / SHARE).max(1), (height / SHARE).max(1)];
         let probe = Truth::new(self.cells.asset, &light.environment, SAMPLES, Some(self.bounces()));
         let size = small.map(|side| side as usize);
-        let traced = probe.picture(&Picture { camera: view.camera, size, samples: 1, clay: false, direct: false }, self.context)?;
+        let traced = probe
+            .picture(&Picture { camera: view.camera, size, samples: 1, clay: false, direct: false, moves: Vec::new(), shadows: true }, self.context)?;
         let pixels = f64::from(width * height) / f64::from(small[0] * small[1]);
         let reference = traced.seconds * pixels * f64::from(self.args.reference.max(SAMPLES)) / f64::from(SAMPLES);
         Ok(reference + self.cells.shading_seconds(light, view, picture, self.context.jobs))

@@ -63,6 +63,12 @@ impl Checker<'_> {
         }
         self.kind(&format!("{field}.base"), &object.base, ChunkKind::Base)?;
         self.kind(&format!("{field}.mesh"), &object.mesh, ChunkKind::Mesh)?;
+        if let Some(moves) = &object.moves {
+            if moves.scale.iter().any(|scale| !(1e-9..=1e9).contains(&scale.abs())) {
+                return Err(self.range(format!("{field}.moves.scale"), format_args!("{:?}", moves.scale), "three scales, none of them 0"));
+            }
+            moves.field.as_ref().map_or(Ok(()), |own| self.kind(&format!("{field}.moves.field"), own, ChunkKind::Field))?;
+        }
         let technique = self.techniques.get(&object.technique).ok_or_else(|| ManifestError::Technique {
             file: self.file.to_string(),
             found: object.technique.clone(),

@@ -72,7 +72,7 @@ impl Content {
 
 impl Object {
     fn of(object: AssetObject) -> Self {
-        let AssetObject { name, technique, n_points, n_triangles, base, world_from_local, edge_length, mesh, patches } = object;
+        let AssetObject { name, technique, n_points, n_triangles, base, world_from_local, edge_length, mesh, patches, moves: _ } = object;
         let patches = patches.into_iter().map(Patch::of).collect();
         Object { name, technique, n_points, n_triangles, base, world_from_local, edge_length, mesh, patches }
     }
@@ -100,7 +100,7 @@ impl From<Object> for AssetObject {
     fn from(object: Object) -> Self {
         let Object { name, technique, n_points, n_triangles, base, world_from_local, edge_length, mesh, patches } = object;
         let patches = patches.into_iter().map(AssetPatch::from).collect();
-        AssetObject { name, technique, n_points, n_triangles, base, world_from_local, edge_length, mesh, patches }
+        AssetObject { name, technique, n_points, n_triangles, base, world_from_local, edge_length, mesh, patches, moves: None }
     }
 }
 

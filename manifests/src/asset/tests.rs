@@ -26,6 +26,7 @@ fn object(name: &str, seed: u8) -> AssetObject {
         edge_length: 0.05,
         mesh: descriptor(ChunkKind::Mesh, seed),
         patches: vec![patch(256, seed + 1), patch(44, seed + 4)],
+        moves: None,
     }
 }
 

@@ -1,6 +1,6 @@
 //! The tables of `scene.toml`. The comments of fields here are the descriptions in the JSON schema.
 
-use crate::quality::{BvhBuild, Knobs, Quality, Shades};
+use crate::quality::{BvhBuild, FieldQuality, Knobs, Quality, Shades};
 use crate::{ByteSize, Technique};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -123,6 +123,9 @@ pub struct BakeSection {
     /// How long the BVH build may take. Changes no bit of the result.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bvh: Option<BvhBuild>,
+    /// How finely what objects that move block is kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field_quality: Option<FieldQuality>,
     /// Knobs of the technique `vmf_transfer` alone.
     #[serde(default, skip_serializing_if = "VmfTransferSection::is_default")]
     pub vmf_transfer: VmfTransferSection,
@@ -339,6 +342,9 @@ pub struct ObjectRule {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 3))]
     pub layer: Option<u8>,
+    /// An app may move it: the bakes of others leave it out, its own is of it alone, and it casts shadows by a field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moves: Option<bool>,
 }
 
 /// `[limits]`: what the bake may use.

@@ -10,7 +10,7 @@ mod options;
 mod proof;
 
 pub use crate::chunk::{base, layout, mesh, points, surface};
-pub use open::{Asset, AssetObject, AssetPatch};
+pub use open::{Asset, AssetObject, AssetPatch, Mover};
 pub use open_pack::Aligned;
 pub use options::OpenOptions;
 pub use proof::{PatchFacts, Proof};

@@ -15,8 +15,11 @@ use crate::chunk::points::Points;
 use crate::chunk::surface::PointSurfaces;
 use crate::error::RuntimeError;
 use crate::light::layer::{Factors, Patch};
+use crate::square_light::field::FieldChunk;
+use crate::square_light::pose::{Pose, split};
 use crate::surface::{Material, Model, Texture};
 use crate::vmf_transfer::Transfer;
+use prelight_manifests::asset::AssetMover;
 use prelight_manifests::{AssetManifest, ChunkKind, Descriptor, Digest};
 use prelight_store::{Chunk, ChunkSource};
 use std::ops::Range;
@@ -49,8 +52,36 @@ pub struct AssetObject {
     pub world_from_local: [f64; 16],
     /// Longest edge of its refined mesh, metres.
     pub edge_length: f32,
+    /// What makes it an object that moves: its mesh and its points are in its own space then.
+    pub moves: Option<Mover>,
     base: Chunk,
     mesh: Chunk,
+}
+
+/// What an object that moves has beside the others.
+#[derive(Debug)]
+pub struct Mover {
+    /// Where the scene has it.
+    pub pose: Pose,
+    /// Scale along the axes of its base geometry.
+    pub scale: [f64; 3],
+    field: Option<Chunk>,
+}
+
+impl Mover {
+    fn open(moves: &AssetMover, world_from_local: &[f64; 16], source: &dyn ChunkSource) -> Result<Mover, RuntimeError> {
+        let field = moves.field.as_ref().map(|field| source.chunk(field)).transpose()?;
+        if let Some((chunk, descriptor)) = field.as_ref().zip(moves.field.as_ref()) {
+            FieldChunk::from_chunk(chunk).map_err(|error| named(error, descriptor))?;
+        }
+        let pose = split(world_from_local).map(|(pose, _)| pose).unwrap_or_default();
+        Ok(Mover { pose, scale: moves.scale, field })
+    }
+
+    /// What it blocks; `None` where nothing of it does.
+    pub fn field(&self) -> Option<FieldChunk<'_>> {
+        self.field.as_ref().map(|chunk| FieldChunk::from_chunk(chunk).expect(PROVEN))
+    }
 }
 
 /// A patch of an open asset: 1..=256 points.
@@ -104,7 +135,8 @@ impl Asset {
             base::from_chunk(&base).map_err(|error| named(error, &object.base))?;
             let (points, patches) = (first_point..n_points, first_patch..wanted.len());
             let (name, world_from_local, edge_length) = (object.name.clone(), object.world_from_local, object.edge_length);
-            objects.push(AssetObject { name, points, patches, world_from_local, edge_length, base, mesh });
+            let moves = object.moves.as_ref().map(|moves| Mover::open(moves, &world_from_local, source)).transpose()?;
+            objects.push(AssetObject { name, points, patches, world_from_local, edge_length, moves, base, mesh });
         }
         let opening = Opening { options, source, face_resolution: content.face_resolution as usize, n_materials: materials.len() };
         let open = |(patch, points): &(&prelight_manifests::asset::AssetPatch, Range<usize>)| opening.patch(patch, points.clone());

@@ -123,6 +123,11 @@ impl Solver {
         &mut self.senders
     }
 
+    /// Direct and bounced irradiance of a point, of the last [`Solver::solve`].
+    pub fn of(&self, point: usize) -> [[f32; 3]; 2] {
+        [self.direct[point], self.bounced[point]]
+    }
+
     /// `[points][channel][axis]` bounced vector irradiance of the last [`Solver::solve`], W·m⁻².
     pub fn vector(&self) -> &[[[f32; 3]; 3]] {
         &self.vector

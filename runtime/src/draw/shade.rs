@@ -30,6 +30,7 @@ use crate::chunk::points::BURIED;
 use crate::error::RuntimeError;
 use crate::light::lune::{Bend, BentLight};
 use crate::light::{BetweenPoints, PointLobe};
+use crate::square_light::Share;
 use crate::surface::{Material, SurfaceSample, Texture, bend_normal, resolve, tangent_from_uv};
 use std::f32::consts::PI;
 
@@ -49,6 +50,8 @@ pub struct DrawObject<'a> {
     pub glossy: &'a [[[f32; 3]; 2]],
     /// `[points][channel]` radiance of a whole clear coat. Empty: none.
     pub coat: &'a [[f32; 3]],
+    /// `[points]` what objects that move leave of all this. Empty: all of it.
+    pub share: &'a [Share],
     /// What layers say of glossy light between points. `None`: interpolated light is all.
     pub between: Option<&'a dyn BetweenPoints>,
     /// `[points]` flags of [`crate::chunk::points`]. Empty: none is buried.
@@ -138,6 +141,7 @@ pub(super) fn check_light(scene: &DrawScene) -> Result<(), RuntimeError> {
             || short(object.lune.len(), true)
             || short(object.glossy.len(), true)
             || short(object.coat.len(), true)
+            || short(object.share.len(), true)
             || object.between.is_some_and(|between| short(between.n_points(), false))
             || short(object.point_flags.len(), true)
         {
@@ -395,7 +399,7 @@ impl<'a> Shader<'a> {
     /// Light from the corners that have a usable point, on a surface with this normal, seen along the unit direction `view`; `own`: what textures
     /// make of the place.
     fn light(&self, gathered: &Gathered, weights: [f32; 3], bend: &Bend, view: [f32; 3], own: Option<&PointLobe>) -> PointLight {
-        let mut light = PointLight::default();
+        let (mut light, mut left_glossy) = (PointLight::default(), [0.0f32; 3]);
         let usable = |k: &usize| gathered.points[*k].n > 0;
         let sum: f32 = (0..3).filter(usable).map(|k| weights[k]).sum();
         let count = (0..3).filter(usable).count();
@@ -406,12 +410,15 @@ impl<'a> Shader<'a> {
                 let weight = weight_of(k) * share;
                 let e = gathered.object.irradiance[point];
                 let lune = gathered.object.lune.get(point).copied().unwrap_or_default();
-                add(&mut light.received, lune.irradiance(&e, bend), weight);
+                let left = gathered.object.share.get(point).unwrap_or(&Share::ALL);
+                let received = lune.irradiance(&e, bend);
+                add(&mut light.received, std::array::from_fn(|k| received[k] * left.diffuse[k]), weight);
+                add(&mut left_glossy, left.glossy, weight);
                 if let Some(g) = gathered.object.glossy.get(point) {
                     (0..2).for_each(|term| add(&mut light.glossy[term], g[term], weight));
                 }
                 if let Some(coat) = gathered.object.coat.get(point) {
-                    add(&mut light.coat, *coat, weight);
+                    add(&mut light.coat, std::array::from_fn(|k| coat[k] * left.glossy[k]), weight);
                 }
             }
         }
@@ -420,6 +427,9 @@ impl<'a> Shader<'a> {
         {
             let weights = std::array::from_fn(|k| if usable(&k) { weight_of(k) } else { 0.0 });
             between.correct(points, weights, view.map(|v| -v), own, &mut light.glossy);
+        }
+        if !gathered.object.share.is_empty() {
+            light.glossy.iter_mut().for_each(|term| (0..3).for_each(|k| term[k] *= left_glossy[k].min(1.0)));
         }
         light
     }

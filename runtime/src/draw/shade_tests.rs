@@ -19,7 +19,7 @@ fn toward_z(value: f32) -> [[f32; 3]; 3] {
 }
 
 fn object<'a>(soup: &'a Soup, irradiance: &'a [[[f32; 3]; 3]]) -> DrawObject<'a> {
-    DrawObject { mesh: soup.mesh(), irradiance, lune: &[], glossy: &[], coat: &[], between: None, point_flags: &[] }
+    DrawObject { mesh: soup.mesh(), irradiance, lune: &[], glossy: &[], coat: &[], share: &[], between: None, point_flags: &[] }
 }
 
 fn picture(objects: &[DrawObject], materials: &[Material], textures: &[Texture], clay: bool, camera: &Camera) -> Frame {

@@ -166,6 +166,33 @@ impl Grid {
     }
 }
 
+impl LightCubemap {
+    /// The light turned: `rotation` takes directions, rows first. Every texel's flux and moment are spread anew around where its light went, so both are kept, and
+    /// light moves by at most a texel.
+    #[must_use]
+    pub fn turned(&self, rotation: &[[f64; 3]; 3]) -> LightCubemap {
+        let (neighbours, texels) = (Neighbours::new(self.face_resolution), self.flux.len());
+        let mut band = Band { texels: vec![[0.0; 12]; texels], energy: [0.0; 3] };
+        for (flux, moment) in self.flux.iter().zip(&self.moment).filter(|(flux, _)| flux[0] + flux[1] + flux[2] > 0.0) {
+            let mut carried = [0.0; 12];
+            let mut direction = [0.0; 3];
+            for c in 0..3 {
+                carried[c] = f64::from(flux[c]);
+                for axis in 0..3 {
+                    let turned: f64 = (0..3).map(|k| rotation[axis][k] * f64::from(moment[c][k])).sum();
+                    carried[3 + 3 * c + axis] = turned;
+                    direction[axis] += LUMINANCE[c] * turned;
+                }
+                band.energy[c] += carried[c];
+            }
+            neighbours.splat(direction, &carried, &mut band.texels);
+        }
+        let mut light = LightCubemap::black(self.face_resolution);
+        gather(std::slice::from_ref(&band), 1.0, &mut light);
+        light
+    }
+}
+
 #[cfg(feature = "parallel")]
 fn for_each_band(bands: &mut [Band], run: impl Fn((usize, &mut Band)) + Sync + Send) {
     use rayon::prelude::*;

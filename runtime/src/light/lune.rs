@@ -91,6 +91,19 @@ impl BentLight {
         BentLight { second, even, any }
     }
 
+    /// The same light in turned axes: `rotation` takes directions, rows first.
+    #[must_use]
+    pub(crate) fn turned(&self, rotation: &[[f64; 3]; 3]) -> BentLight {
+        let [xx, yy, zz, xy, yz, zx] = self.second.map(f64::from);
+        let m = [[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]];
+        let entry = |i: usize, j: usize| {
+            let row = |k: usize| (0..3).map(|l| m[k][l] * rotation[j][l]).sum::<f64>();
+            (0..3).map(|k| rotation[i][k] * row(k)).sum::<f64>() as f32
+        };
+        let second = [entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(1, 2), entry(2, 0)];
+        BentLight { second, ..*self }
+    }
+
     /// Adds indirect light, of which only the irradiance is known, as coming evenly: to second moments before [`BentLight::new`].
     pub fn add_even(second: &mut [f32; 6], received: [f32; 3]) {
         let third = 2.0 / 3.0 * (received[0] + received[1] + received[2]);

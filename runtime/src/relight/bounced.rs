@@ -7,6 +7,7 @@ use crate::bounces::albedo::fill_senders;
 use crate::light::layer::{Bounces, Indirect, LightOptions};
 use crate::light::{Glossy, PointLobe};
 use crate::sphere::frame::dot;
+use crate::square_light::Share;
 use std::f32::consts::PI;
 
 /// Share of the mean irradiance below which progressive steps change nothing that anybody sees.
@@ -71,6 +72,16 @@ impl Bounced {
             fill_senders(&asset.mesh(at), surfaces.materials(), &textures, surfaces.tables(), senders);
         }
         self.edition = Some(surfaces.edition());
+    }
+
+    /// The share of the whole light that movers leave of a point where they leave this much of its direct light: they block none of what bounces.
+    pub(super) fn left(&self, point: usize, share: &Share) -> Share {
+        let [direct, bounced] = self.solver.of(point);
+        let of = |c: usize| {
+            let all = direct[c] + bounced[c];
+            if all > 0.0 { (share.diffuse[c] * direct[c] + bounced[c]) / all } else { share.diffuse[c] }
+        };
+        Share { diffuse: std::array::from_fn(of), ..*share }
     }
 
     /// Bounced vector irradiance of a run of points.

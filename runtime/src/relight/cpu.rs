@@ -2,9 +2,11 @@
 
 use super::backend::{Backend, DrawJob, ShadeJob};
 use super::bounced::Bounced;
+use super::moving::{Moving, MovingRest, WorkCounts};
+use super::poses::Poses;
 use super::techniques::Techniques;
 use super::work::{Lit, Part, Rest, Work};
-use crate::asset::Asset;
+use crate::asset::{Asset, AssetObject};
 use crate::draw::Style;
 use crate::draw::at_points::{PointImage, draw_at_points};
 use crate::draw::shade::{DrawObject, DrawScene, Frame, draw_visible};
@@ -12,7 +14,9 @@ use crate::environment::LightCubemap;
 use crate::error::RuntimeError;
 use crate::light::layers::Between;
 use crate::light::lune::BentLight;
-use crate::light::{BetweenPoints, Glossy, Layers, LightOptions};
+use crate::light::{BetweenPoints, Glossy, Layers, LightOptions, PointLobe};
+use crate::square_light::{Pose, Share};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Shades with the layers of techniques, on all threads of the CPU.
 #[derive(Default)]
@@ -27,8 +31,8 @@ impl Cpu {
     }
 
     fn scene<T>(&self, held: &CpuAsset, job: &DrawJob, f: impl FnOnce(&DrawScene) -> Result<T, RuntimeError>) -> Result<T, RuntimeError> {
-        let between = held.between(job.asset);
-        let objects = held.objects(job.asset, &between);
+        let between = held.between(job.asset, job.poses);
+        let objects = held.objects(job, &between);
         let (materials, textures, tables) = (job.surfaces.materials(), job.asset.textures(), job.surfaces.tables());
         let (background, clay) = (&|direction| job.background.radiance(direction), job.style == Style::Clay);
         f(&DrawScene { objects: &objects, materials, textures: &textures, tables, background, clay })
@@ -44,7 +48,8 @@ impl Backend for Cpu {
     type Asset = CpuAsset;
 
     fn upload(&self, asset: &Asset) -> Result<CpuAsset, RuntimeError> {
-        Ok(CpuAsset::new(asset, self.techniques.layers(asset)))
+        let moving = Moving::new(asset, || self.techniques.layers(asset));
+        Ok(CpuAsset::new(asset, self.techniques.layers(asset), moving))
     }
 
     fn configure(&self, held: &mut CpuAsset, options: &LightOptions, light: Option<&LightCubemap>) {
@@ -53,6 +58,20 @@ impl Backend for Cpu {
 
     fn prepare(&self, held: &mut CpuAsset, light: &LightCubemap, before: Option<&LightCubemap>) -> Result<(), RuntimeError> {
         held.prepare(light, before);
+        Ok(())
+    }
+
+    fn place(
+        &self,
+        held: &mut CpuAsset,
+        asset: &Asset,
+        object: usize,
+        pose: &Pose,
+        light: Option<&LightCubemap>,
+    ) -> Result<(), RuntimeError> {
+        if held.moving.as_mut().is_some_and(|moving| moving.place(object, *pose, light)) {
+            held.lit[asset.objects()[object].patches.clone()].fill(Lit::No);
+        }
         Ok(())
     }
 
@@ -89,10 +108,15 @@ pub struct CpuAsset {
     lit: Vec<Lit>,
     /// Bounced light, where links were baked.
     bounced: Option<Bounced>,
+    /// `[points]` shares of direct and bounced light together, where both are there.
+    shown_shares: Vec<Share>,
+    /// `None` where nothing moves.
+    pub(super) moving: Option<Moving>,
+    summed: AtomicU64,
 }
 
 impl CpuAsset {
-    fn new(asset: &Asset, layers: Layers) -> Self {
+    fn new(asset: &Asset, layers: Layers, moving: Option<Moving>) -> Self {
         let n = asset.n_points();
         let has_normal_map = asset.materials().iter().any(|material| material.normal_texture.is_some());
         let mut flags = Vec::with_capacity(n);
@@ -108,6 +132,9 @@ impl CpuAsset {
             flags,
             lit: vec![Lit::No; asset.patches().len()],
             bounced: Bounced::new(asset),
+            shown_shares: Vec::new(),
+            moving,
+            summed: AtomicU64::new(0),
         }
     }
 
@@ -120,12 +147,24 @@ impl CpuAsset {
         if self.layers.configure(options, light) || is_moved {
             self.lit.fill(Lit::No);
         }
+        if let Some(moving) = &mut self.moving {
+            moving.configure(options, light);
+        }
         self.fit_rows();
+    }
+
+    /// What was computed so far.
+    pub(super) fn counts(&self) -> WorkCounts {
+        let moving = self.moving.as_ref().map(Moving::counts).unwrap_or_default();
+        WorkCounts { summed: self.summed.load(Ordering::Relaxed), ..moving }
     }
 
     /// Makes a light ready; `before` where it is a change of that one.
     fn prepare(&mut self, light: &LightCubemap, before: Option<&LightCubemap>) {
         self.layers.prepare(light, before);
+        if let Some(moving) = &mut self.moving {
+            moving.prepare(light);
+        }
         for lit in &mut self.lit {
             *lit = if *lit == Lit::Now && before.is_some() { Lit::Before } else { Lit::No };
         }
@@ -157,6 +196,11 @@ impl CpuAsset {
         }
         bounced.update(job.asset, job.surfaces, is_relit, &mut self.irradiance);
         let shaded = self.run(job, Some(&bounced));
+        if let Some(moving) = &self.moving {
+            let left = |(point, share): (usize, &Share)| if *share == Share::ALL { Share::ALL } else { bounced.left(point, share) };
+            self.shown_shares.clear();
+            self.shown_shares.extend(moving.shares.iter().enumerate().map(left));
+        }
         self.bounced = Some(bounced);
         shaded
     }
@@ -165,7 +209,14 @@ impl CpuAsset {
     fn run(&mut self, job: &ShadeJob, bounced: Option<&Bounced>) -> usize {
         let ShadeJob { asset, surfaces, eye, wanted } = *job;
         let [diffuse, glossy] = self.layers.row_lengths();
-        let work = Work { layers: &self.layers, surfaces, eye, wanted, bounced };
+        let (moving, moving_work) = match &mut self.moving {
+            Some(moving) => {
+                let (rest, work) = moving.split();
+                (rest, Some(work))
+            }
+            None => (MovingRest::default(), None),
+        };
+        let work = Work { layers: &self.layers, surfaces, eye, wanted, bounced, moving: moving_work, summed: &self.summed };
         work.run(Part {
             patches: asset.patches(),
             lit: Rest::new(&mut self.lit),
@@ -175,30 +226,60 @@ impl CpuAsset {
             coat: Rest::new(&mut self.coat),
             diffuse_rows: Rest::rows(&mut self.diffuse_rows, diffuse),
             glossy_rows: Rest::rows(&mut self.glossy_rows, glossy),
+            moving,
         })
     }
 
     /// The say of layers between the points of each object, where any has one.
-    fn between<'a>(&'a self, asset: &'a Asset) -> Vec<Option<Between<'a>>> {
+    fn between<'a>(&'a self, asset: &'a Asset, poses: &'a Poses) -> Vec<Option<PosedBetween<'a>>> {
         let [_, floats] = self.layers.row_lengths();
         let rows = |points: &std::ops::Range<usize>| &self.glossy_rows[points.start * floats..points.end * floats];
-        asset.objects().iter().map(|object| self.layers.between(rows(&object.points))).collect()
+        let of = |(i, object): (usize, &AssetObject)| {
+            let own = self.moving.as_ref().and_then(|moving| moving.layers_of(i));
+            let between = own.unwrap_or(&self.layers).between(rows(&object.points))?;
+            Some(PosedBetween { between, pose: poses.of(i).copied() })
+        };
+        asset.objects().iter().enumerate().map(of).collect()
     }
 
     /// Objects with their light, as drawing takes them.
-    fn objects<'a>(&'a self, asset: &'a Asset, between: &'a [Option<Between<'a>>]) -> Vec<DrawObject<'a>> {
-        let object = |(i, between): (usize, &'a Option<Between<'a>>)| {
-            let points = asset.objects()[i].points.clone();
+    fn objects<'a>(&'a self, job: &DrawJob<'a>, between: &'a [Option<PosedBetween<'a>>]) -> Vec<DrawObject<'a>> {
+        let own = self.moving.as_ref().map_or(&[][..], |moving| &moving.shares);
+        let is_mixed = self.bounced.as_ref().is_some_and(Bounced::is_on) && self.shown_shares.len() == own.len();
+        let shares = if is_mixed { &self.shown_shares[..] } else { own };
+        let object = |(i, between): (usize, &'a Option<PosedBetween<'a>>)| {
+            let points = job.asset.objects()[i].points.clone();
             DrawObject {
-                mesh: asset.mesh(i),
+                mesh: job.poses.mesh(job.asset, i),
                 irradiance: &self.irradiance[points.clone()],
                 lune: self.lune.get(points.clone()).unwrap_or_default(),
                 glossy: &self.glossy[points.clone()],
                 coat: self.coat.get(points.clone()).unwrap_or_default(),
+                share: shares.get(points.clone()).unwrap_or_default(),
                 between: between.as_ref().map(|between| between as &dyn BetweenPoints),
                 point_flags: &self.flags[points],
             }
         };
         between.iter().enumerate().map(object).collect()
+    }
+}
+
+/// The say of layers between the points of an object that may stand elsewhere than its points.
+struct PosedBetween<'a> {
+    between: Between<'a>,
+    /// `None`: it cannot.
+    pose: Option<Pose>,
+}
+
+impl BetweenPoints for PosedBetween<'_> {
+    fn n_points(&self) -> usize {
+        self.between.n_points()
+    }
+
+    fn correct(&self, points: [usize; 3], weights: [f32; 3], view: [f32; 3], own: Option<&PointLobe>, glossy: &mut Glossy) {
+        let Some(pose) = &self.pose else { return self.between.correct(points, weights, view, own, glossy) };
+        let turned =
+            own.map(|lobe| PointLobe { normal: pose.own_direction(lobe.normal), tangent: pose.own_direction(lobe.tangent), ..*lobe });
+        self.between.correct(points, weights, pose.own_direction(view), turned.as_ref(), glossy);
     }
 }

@@ -1,6 +1,7 @@
 //! Light at points, patch by patch, on all threads.
 
 use super::bounced::{Bounced, add_glossy};
+use super::moving::{MoverView, MovingRest, MovingWork};
 use super::surfaces::Surfaces;
 use crate::asset::AssetPatch;
 use crate::brdf::surface::COAT_F0;
@@ -10,6 +11,7 @@ use crate::light::lune::BentLight;
 use crate::light::{Glossy, Layers, PointLobe};
 use crate::surface::detail::is_bent;
 use prelight_manifests::ChunkKind;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Patches that are not worth splitting: about a millisecond.
 const GRAIN: usize = 8;
@@ -24,6 +26,10 @@ pub(super) struct Work<'a> {
     pub wanted: Option<&'a [bool]>,
     /// Bounced light that lobes reflect.
     pub bounced: Option<&'a Bounced>,
+    /// `None` where nothing moves.
+    pub moving: Option<MovingWork<'a>>,
+    /// Points whose irradiance is summed are counted here.
+    pub summed: &'a AtomicU64,
 }
 
 /// Which light the irradiance of a patch is of.
@@ -52,12 +58,14 @@ pub(super) struct Part<'a> {
     /// Memory of the layers.
     pub diffuse_rows: Rest<'a, f32>,
     pub glossy_rows: Rest<'a, f32>,
+    /// Empty where nothing moves.
+    pub moving: MovingRest<'a>,
 }
 
 /// What is left of a buffer, with so many elements a point.
 #[derive(Default)]
 pub(super) struct Rest<'a, T> {
-    elements: &'a mut [T],
+    pub(super) elements: &'a mut [T],
     per_point: usize,
 }
 
@@ -74,7 +82,7 @@ impl<'a, T> Rest<'a, T> {
     }
 
     /// Takes the elements of the first `n` points out.
-    fn take(&mut self, n: usize) -> Self {
+    pub(super) fn take(&mut self, n: usize) -> Self {
         let (first, rest) = std::mem::take(&mut self.elements).split_at_mut(n * self.per_point);
         self.elements = rest;
         Rest { elements: first, per_point: self.per_point }
@@ -96,6 +104,7 @@ impl<'a> Part<'a> {
             coat: self.coat.take(points),
             diffuse_rows: self.diffuse_rows.take(points),
             glossy_rows: self.glossy_rows.take(points),
+            moving: self.moving.take(n, points),
         }
     }
 }
@@ -130,19 +139,29 @@ impl Work<'_> {
             Lit::Before => Some(Held::LightBefore),
             Lit::No => Some(Held::Nothing),
         };
+        let mover = self.moving.as_ref().and_then(|moving| moving.mover_of(first));
         if let Some(held) = held {
-            self.diffuse(&seen, held, &mut part);
+            self.diffuse(&seen, held, mover, &mut part);
+            self.summed.fetch_add(seen.len() as u64, Ordering::Relaxed);
         }
-        if let Some(eye) = self.eye {
+        let Some(world_eye) = self.eye else {
+            return self.moving.iter().for_each(|moving| moving.shares(&seen, first, None, std::mem::take(&mut part.moving)));
+        };
+        {
+            let eye = mover.map_or(world_eye, |mover| mover.pose.own_place(world_eye));
+            let layers = self.layers_of(mover);
             let mut lobes = [PointLobe::NONE; PATCH_POINTS];
             let lobes = &mut lobes[..seen.len()];
             lobes.iter_mut().enumerate().for_each(|(i, lobe)| *lobe = self.surfaces.lobe(&seen.surfaces, i, first + i));
-            self.layers.glossy(&seen, &Sight { eye, lobes }, part.glossy_rows.elements, part.glossy.elements);
+            layers.glossy(&seen, &Sight { eye, lobes }, part.glossy_rows.elements, part.glossy.elements);
             if let Some(bounced) = self.bounced {
                 self.reflect(&seen, &Sight { eye, lobes }, bounced.of(patch.points.clone()), part.glossy.elements);
             }
             if !part.coat.elements.is_empty() {
-                self.coat(&seen, first, eye, part.coat.elements);
+                self.coat(&seen, first, (eye, layers), part.coat.elements);
+            }
+            if let Some(moving) = &self.moving {
+                moving.shares(&seen, first, Some(&Sight { eye: world_eye, lobes }), part.moving);
             }
         }
     }
@@ -158,20 +177,32 @@ impl Work<'_> {
         }
     }
 
+    /// Layers with the light in the axes of a mover's points, or of the world.
+    fn layers_of<'b>(&'b self, mover: Option<MoverView<'b>>) -> &'b Layers {
+        mover.and_then(|mover| mover.layers).unwrap_or(self.layers)
+    }
+
     /// Vector irradiance, and what bent normals need beside it.
-    fn diffuse(&self, patch: &Patch, held: Held, part: &mut Part) {
+    fn diffuse(&self, patch: &Patch, held: Held, mover: Option<MoverView>, part: &mut Part) {
         let mut second = [[0.0; 6]; PATCH_POINTS];
         let is_bent = !part.lune.elements.is_empty() && is_bent(&patch.surfaces, self.surfaces.baked());
         let second = if is_bent { &mut second[..patch.len()] } else { &mut [] };
         let irradiance = &mut *part.irradiance.elements;
-        self.layers.diffuse(patch, held, part.diffuse_rows.elements, &mut Diffuse::new(irradiance, second));
+        let layers = self.layers_of(mover);
+        // Layers of a mover's own do not follow the light by its changes.
+        let held = if mover.is_some_and(|mover| mover.layers.is_some()) { Held::Nothing } else { held };
+        layers.diffuse(patch, held, part.diffuse_rows.elements, &mut Diffuse::new(irradiance, second));
         for (at, second) in second.iter().enumerate() {
             part.lune.elements[at] = BentLight::new(&irradiance[at], *second, patch.points.normal[at]);
         }
+        let Some(pose) = mover.filter(|mover| mover.layers.is_some()).map(|mover| mover.pose) else { return };
+        irradiance.as_flattened_mut().iter_mut().for_each(|e| *e = pose.direction(*e));
+        let n_bent = second.len();
+        part.lune.elements.iter_mut().take(n_bent).for_each(|lune| *lune = lune.turned(&pose.rotation));
     }
 
     /// Radiance of a whole clear coat, where the patch has one.
-    fn coat(&self, patch: &Patch, first: usize, eye: [f32; 3], coat: &mut [[f32; 3]]) {
+    fn coat(&self, patch: &Patch, first: usize, (eye, layers): ([f32; 3], &Layers), coat: &mut [[f32; 3]]) {
         let (averages, surfaces) = (&patch.surfaces, self.surfaces);
         if !averages.material.iter().any(|material| surfaces.materials()[*material as usize].clearcoat > 0.0) {
             return;
@@ -179,7 +210,7 @@ impl Work<'_> {
         let (mut lobes, mut terms) = ([PointLobe::NONE; PATCH_POINTS], [Glossy::default(); PATCH_POINTS]);
         let (lobes, terms) = (&mut lobes[..patch.len()], &mut terms[..patch.len()]);
         lobes.iter_mut().enumerate().for_each(|(i, lobe)| *lobe = surfaces.coat(averages, i, first + i));
-        self.layers.coat(patch, &Sight { eye, lobes }, terms);
+        layers.coat(patch, &Sight { eye, lobes }, terms);
         for (coat, [base, rest]) in coat.iter_mut().zip(terms) {
             *coat = std::array::from_fn(|k| COAT_F0 * base[k] + rest[k]);
         }
