@@ -132,10 +132,21 @@ impl<'a> Counter<'a> {
         (0..self.welded.len()).into_par_iter().map(|object| self.count(object, params, u64::MAX).points).collect()
     }
 
+    /// The geometry that is counted.
+    pub(crate) fn world(&self) -> &World {
+        self.world
+    }
+
     /// Points and triangles of all objects.
     pub(crate) fn total(&self, params: &PointParams, enough: u64) -> PointCount {
+        self.total_where(params, enough, |_| true)
+    }
+
+    /// [`Counter::total`] of some objects.
+    pub(crate) fn total_where(&self, params: &PointParams, enough: u64, keep: impl Fn(usize) -> bool + Sync) -> PointCount {
         let add = |a: PointCount, b: PointCount| PointCount { points: a.points + b.points, triangles: a.triangles + b.triangles };
-        (0..self.welded.len()).into_par_iter().map(|object| self.count(object, params, enough)).reduce(PointCount::default, add)
+        let objects = (0..self.welded.len()).into_par_iter().filter(|object| keep(*object));
+        objects.map(|object| self.count(object, params, enough)).reduce(PointCount::default, add)
     }
 
     /// Longest edge of all base meshes, metres.

@@ -26,7 +26,8 @@ pub mod sections;
 pub mod template;
 
 pub use sections::{
-    AlphaModeName, BakeSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, ScenePart, SceneSource, VmfTransferSection,
+    AlphaModeName, BakeSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, Projection, ScenePart, SceneSource,
+    VmfTransferSection,
 };
 
 use crate::{ManifestError, Techniques, version};
