@@ -15,6 +15,7 @@ pub(crate) struct SceneChunks {
     brdfs: Vec<Descriptor>,
     cameras: Descriptor,
     names: Descriptor,
+    origin: [f64; 3],
     pub bytes_stored: u64,
 }
 
@@ -39,7 +40,7 @@ impl SceneChunks {
             brdfs.push(writer.put(ChunkKind::Brdf, Dtype::F32, shape, &table.to_chunk())?);
         }
         let bytes_stored = writer.commit()?.bytes_stored;
-        Ok(SceneChunks { materials, textures, brdfs, cameras, names, bytes_stored })
+        Ok(SceneChunks { materials, textures, brdfs, cameras, names, origin: scene.origin, bytes_stored })
     }
 
     pub(crate) fn content(self, world: &World, face_resolution: u32, objects: Vec<asset::AssetObject>) -> AssetContent {
@@ -53,6 +54,7 @@ impl SceneChunks {
             cameras: self.cameras,
             names: self.names,
             bounds: bounds(world),
+            origin: self.origin,
         }
     }
 }

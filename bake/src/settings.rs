@@ -43,6 +43,8 @@ pub struct Settings {
     pub directions: Vec<Directions>,
     /// `[objects]` shades that scene.toml or the command line asks for by name, where it does: no budget changes them.
     pub pinned: Vec<Option<Shades>>,
+    /// What a person should know of how points were spread: sentence and help.
+    pub notes: Vec<(String, String)>,
     /// What the budgets chose; empty before [`Settings::meet_budgets`] and where there are none.
     pub choices: Vec<Choice>,
 }
@@ -65,26 +67,44 @@ impl Settings {
         let counter = Counter::new(scene, world, counts);
         let knobs = manifest.bake.knobs();
         let pinned = manifest.bake.edge_length.map(|length| length as f32).filter(|_| points.is_none());
-        let start = PointParams::new(&knobs, 1.0);
+        let mut notes = Vec::new();
+        let mut start = PointParams::new(&knobs, 1.0);
+        // A draft takes seconds on any scene, so a mesh that is finer than its points is baked coarser.
+        let unrefined = || counter.total(&PointParams { max_level: 0, ..start }, u64::MAX).points;
+        let drafts = manifest.bake.quality == Quality::Draft && manifest.bake.coarser.is_none() && pinned.is_none();
+        let by_itself = drafts && points.is_none() && unrefined() > knobs.points;
+        if by_itself {
+            let (own, preset) = (unrefined(), knobs.points);
+            let text = format!("its meshes have {own} points of their own: a draft bakes about {preset} of them, the rest interpolates");
+            notes.push((text, "coarser = false in [bake], or another quality, bakes all".to_string()));
+        }
+        start.coarser |= by_itself;
         let derived = match pinned {
             Some(_) => None,
-            None => Some(density_of(&counter, &start, points, knobs.points)?),
+            None => Some(density_of(&counter, &start, points, knobs.points, true)?),
         };
         let edge_length = pinned.or(derived.as_ref().map(|density| density.edge_length)).expect("pinned or derived");
-        let own = |object: &ObjectKnobs| {
+        let apart = derived.as_ref().and_then(|density| density.apart);
+        let own = |(index, object): (usize, &ObjectKnobs)| {
             let length = match object.edge_length {
                 Some(length) if points.is_none() || Some(length) != manifest.bake.edge_length => length as f32,
-                _ => edge_length,
+                _ => apart.filter(|(huge, _)| *huge == index).map_or(edge_length, |(_, own)| own),
             };
-            PointParams::new(&object.knobs, length)
+            let params = PointParams::new(&object.knobs, length);
+            PointParams { coarser: params.coarser || by_itself, ..params }
         };
+        if let Some((huge, own)) = apart {
+            let name = &scene.objects[huge].name;
+            let text = format!("{name} is far larger than the rest: its points are {own} m apart, those of the rest {edge_length} m");
+            notes.push((text, format!("[[object]] match = \"{name}\" with an edge_length of its own, or another file for it")));
+        }
         let tree = match knobs.bvh {
             BvhBuild::Fast => TreeQuality::Fast,
             BvhBuild::Medium => TreeQuality::Medium,
             BvhBuild::Slow => TreeQuality::VerySlow,
         };
         let options = BakeOptions {
-            points: objects.iter().map(own).collect(),
+            points: objects.iter().enumerate().map(own).collect(),
             face_resolution: knobs.face_resolution,
             visibility: objects.iter().map(|object| object.knobs.visibility).collect(),
             tree,
@@ -99,7 +119,13 @@ impl Settings {
             rebake: RebakeOptions { layers: objects.iter().map(|object| object.layer).collect(), ..RebakeOptions::default() },
         };
         let known = derived.as_ref().map(|density| (start.with_edge_length(edge_length), &density.points[..]));
+        let asked = points;
         let points = count_points_of(&counter, &options.points, known)?;
+        let total: u64 = points.iter().sum();
+        if let Some(asked) = asked.filter(|asked| total > asked + asked / 10 && !start.coarser) {
+            let text = format!("{asked} points were asked for, but the meshes alone have {total}");
+            notes.push((text, "--coarser lets vertices go without a point where a mesh is finer than its points".to_string()));
+        }
         let budgets = objects.iter().map(|object| object.max_error).collect();
         let unbudgeted = options.points.clone();
         let pins = &manifest.bake;
@@ -111,8 +137,8 @@ impl Settings {
         if directions.is_empty() || !options.techniques.is_empty() {
             directions = vec![Directions { face_resolution: options.face_resolution, shades: knobs.visibility }];
         }
-        let (derived, pinned) = (pinned.is_none(), objects.iter().map(|object| object.visibility).collect());
-        Ok(Settings { options, edge_length, derived, points, budgets, unbudgeted, directions, pinned, choices: Vec::new() })
+        let (derived, pinned) = (pinned.is_none() && apart.is_none(), objects.iter().map(|object| object.visibility).collect());
+        Ok(Settings { options, edge_length, derived, points, budgets, unbudgeted, directions, pinned, notes, choices: Vec::new() })
     }
 
     /// Chooses the points and shades of every object that has a budget of error; does nothing where none has.

@@ -47,7 +47,7 @@ fn cuboid(size: [f32; 3], material: u32) -> Primitive {
 fn room() -> Scene {
     let checker = (0..64u32).flat_map(|i| [200, 180, 160, if (i / 8 + i % 8) % 2 == 0 { 255 } else { 0 }]).collect();
     let texture = Texture { width: 8, height: 8, encoding: TextureEncoding::Srgb, texels: Cow::Owned(checker) };
-    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: true };
+    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: true, transform: None };
     let plain = Material::default();
     let double = Material { double_sided: true, ..plain.clone() };
     let cut = Material { base_color_texture: Some(reference), alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..double.clone() };

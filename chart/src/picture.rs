@@ -92,7 +92,7 @@ impl PictureView {
                 point_flags: &self.flags[object.points.clone()],
             })
             .collect();
-        let background = |direction| environment.radiance(direction);
+        let background = |direction| environment.filtered(direction, 0.0);
         let textures = asset.textures();
         let (materials, tables) = (asset.materials(), asset.tables());
         let scene = DrawScene { objects: &objects, materials, textures: &textures, tables, background: &background, clay: false };

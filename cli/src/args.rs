@@ -4,6 +4,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use prelight_manifests::Quality;
 use prelight_manifests::quality::Shades;
+use prelight_manifests::scene::Projection;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -25,9 +26,12 @@ pub struct BakeKnobs {
     /// Budget of points, turned into an edge length once
     #[arg(long, value_name = "N", conflicts_with = "edge_length", value_parser = clap::value_parser!(u64).range(16..))]
     pub points: Option<u64>,
-    /// Edge length of the refined mesh aimed at, metres
-    #[arg(long, value_name = "M", value_parser = positive)]
+    /// Edge length of the refined mesh aimed at, metres, or with a unit as 3cm
+    #[arg(long, value_name = "M", value_parser = length)]
     pub edge_length: Option<f32>,
+    /// Bake fewer points than a mesh has vertices, where it is finer than the edge length
+    #[arg(long)]
+    pub coarser: bool,
     /// Texels along the side of a cubemap face: 64 or 128
     #[arg(long, value_name = "N", value_parser = PossibleValuesParser::new(["64", "128"]).map(|n| if n == "128" { 128u32 } else { 64 }))]
     pub face_resolution: Option<u32>,
@@ -43,6 +47,7 @@ impl BakeKnobs {
             "quality": self.quality.map(|quality| quality.to_string()),
             "points": self.points,
             "edge_length": self.edge_length,
+            "coarser": self.coarser,
             "face_resolution": self.face_resolution,
             "visibility": self.visibility.map(Shades::name),
         })
@@ -54,6 +59,7 @@ impl BakeKnobs {
             quality: knobs["quality"].as_str().and_then(|name| name.parse().ok()),
             points: knobs["points"].as_u64(),
             edge_length: knobs["edge_length"].as_f64().map(|length| length as f32),
+            coarser: knobs["coarser"].as_bool().unwrap_or(false),
             face_resolution: knobs["face_resolution"].as_u64().map(|n| n as u32).filter(|n| matches!(n, 64 | 128)),
             visibility: knobs["visibility"].as_str().and_then(Shades::named),
         }
@@ -69,15 +75,31 @@ pub struct ViewArgs {
     /// A camera of the scene, by name
     #[arg(long, value_name = "NAME", conflicts_with_all = ["eye", "look_at"])]
     pub camera: Option<String>,
-    /// Position of the camera, metres
+    /// Position of the camera in the file's space, metres
     #[arg(long, value_name = "X,Y,Z", requires = "look_at", value_parser = vec3, allow_hyphen_values = true)]
-    pub eye: Option<[f32; 3]>,
+    pub eye: Option<[f64; 3]>,
     /// A point that the camera looks at
     #[arg(long, value_name = "X,Y,Z", requires = "eye", value_parser = vec3, allow_hyphen_values = true)]
-    pub look_at: Option<[f32; 3]>,
+    pub look_at: Option<[f64; 3]>,
     /// Vertical field of view, degrees
     #[arg(long, value_name = "DEG", value_parser = field_of_view)]
     pub fov: Option<f32>,
+}
+
+/// How an environment's file is read.
+#[derive(Args, Clone, Debug, Default)]
+pub struct MapArgs {
+    /// How the sphere lies in the environment's image; without it as the file says, else by its shape
+    #[arg(long, value_name = "P", requires = "environment", value_parser = projection_parser())]
+    pub projection: Option<Projection>,
+    /// Layer of an OpenEXR environment
+    #[arg(long, value_name = "NAME", requires = "environment")]
+    pub layer: Option<String>,
+}
+
+fn projection_parser() -> impl TypedValueParser<Value = Projection> {
+    let named = |name: String| Projection::ALL.into_iter().find(|projection| projection.name() == name).unwrap_or(Projection::LatLong);
+    PossibleValuesParser::new(Projection::ALL.map(Projection::name)).map(named)
 }
 
 fn quality_parser() -> impl TypedValueParser<Value = Quality> {
@@ -85,10 +107,14 @@ fn quality_parser() -> impl TypedValueParser<Value = Quality> {
 }
 
 /// `x,y,z`, finite.
-pub fn vec3(text: &str) -> Result<[f32; 3], String> {
+pub fn vec3(text: &str) -> Result<[f64; 3], String> {
     let parts: Vec<&str> = text.split(',').collect();
     let [x, y, z] = parts[..] else { return Err("expected three numbers, as in 1,1.5,-2".into()) };
-    Ok([finite(x)?, finite(y)?, finite(z)?])
+    let number = |text: &str| {
+        finite(text)?;
+        text.trim().parse::<f64>().map_err(|_| format!("`{text}` is not a number"))
+    };
+    Ok([number(x)?, number(y)?, number(z)?])
 }
 
 /// `1280x720`, each in 1..=16384.
@@ -114,6 +140,12 @@ pub fn max_error(text: &str) -> Result<f64, String> {
 /// A finite number above zero.
 pub fn positive(text: &str) -> Result<f32, String> {
     finite(text).and_then(|number| if number > 0.0 { Ok(number) } else { Err("expected a number above 0".into()) })
+}
+
+/// Metres above zero, or another unit of length.
+pub fn length(text: &str) -> Result<f32, String> {
+    let metres = prelight_manifests::length::parse(text).ok_or_else(|| "expected a length above 0, as 0.03 or 3cm".to_string())?;
+    positive(&metres.to_string())
 }
 
 /// `8h`, `1h30min`, `90s`: numbers with units, the larger before the smaller.
@@ -170,11 +202,12 @@ mod tests {
             knobs: BakeKnobs,
         }
         let read = |line: &str| Line::try_parse_from(format!("prelight {line}").split_whitespace()).map(|line| line.knobs);
-        let line = "--quality high --points 5000 --face-resolution 128 --visibility gray6";
+        let line = "--quality high --points 5000 --coarser --face-resolution 128 --visibility gray6";
         let knobs = BakeKnobs {
             quality: Some(Quality::High),
             points: Some(5000),
             edge_length: None,
+            coarser: true,
             face_resolution: Some(128),
             visibility: Some(Shades::Gray6),
         };
@@ -189,6 +222,8 @@ mod tests {
     fn values_are_read_or_refused() {
         assert_eq!(vec3("1, -2.5,3e-1"), Ok([1.0, -2.5, 0.3]));
         assert_eq!(size("1280x720"), Ok((1280, 720)));
+        assert_eq!((length("3cm"), length("0.25")), (Ok(0.03), Ok(0.25)));
+        assert!(length("3 parsec").is_err() && length("-3cm").is_err());
         for bad in ["", "1,2", "1,2,3,4", "1,2,x", "1,inf,2", "nan,0,0"] {
             assert!(vec3(bad).is_err(), "{bad}");
         }

@@ -5,6 +5,7 @@ use super::context::peak_memory;
 use super::engine::EngineArgs;
 use super::loaded::Loaded;
 use super::output::{check_writable, write_atomically};
+use super::shipped::relative_to;
 use super::{Context, ExitCode, Failure, Summary, budgets, reasons, replaced};
 use clap::Args;
 use prelight_bake::bake::{Baked, OnPreview, bake_with_previews};
@@ -127,7 +128,7 @@ pub fn bake_file_on(
     context: &Context,
 ) -> Result<Summary, Failure> {
     let start = Instant::now();
-    let mut loaded = Loaded::open(scene, output.as_deref(), knobs, context)?;
+    let mut loaded = Loaded::open_checked(scene, output.as_deref(), knobs, context)?;
     loaded.engine = engine.clone();
     rebake.apply(&mut loaded)?;
     budgets::measure(&mut loaded, rebake.measure, context)?;
@@ -297,8 +298,14 @@ fn report(summary: &Summary, loaded: &Loaded, asset: &Path, store: &Path) -> BTr
     };
     let environments: Vec<Value> = (loaded.input.manifest.environment.iter())
         .map(|entry| {
-            let image = absolute(&loaded.input.environment_path(entry));
-            json!({ "name": entry.name, "image": image, "rotate_y_deg": entry.rotate_y_deg, "intensity": entry.intensity })
+            let image = relative_to(&beside, &loaded.input.environment_path(entry));
+            let mut row = json!({ "name": entry.name, "image": image, "rotate_y_deg": entry.rotate_y_deg, "intensity": entry.intensity });
+            for (key, value) in [("projection", entry.projection.map(|p| p.name().to_string())), ("layer", entry.layer.clone())] {
+                if let Some(value) = value {
+                    row[key] = value.into();
+                }
+            }
+            row
         })
         .collect();
     BTreeMap::from([

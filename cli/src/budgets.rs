@@ -2,7 +2,7 @@
 
 use super::bake::round;
 use super::loaded::Loaded;
-use super::read::read_environment;
+use super::read::{map_options, read_environment};
 use super::{Context, Failure};
 use prelight_bake::budget::{ObjectError, Probes, Sums};
 use prelight_runtime::environment::Environment;
@@ -17,8 +17,9 @@ pub fn probes(loaded: &Loaded, context: &Context) -> Result<Probes, Failure> {
     let face_resolution = loaded.settings.options.face_resolution;
     let mut probes = Probes::held_back(face_resolution);
     let mut own: Vec<(String, Environment)> = Vec::new();
-    for entry in &loaded.input.manifest.environment {
-        let (environment, _) = read_environment(&loaded.input.environment_path(entry), context.memory)?;
+    for (index, entry) in loaded.input.manifest.environment.iter().enumerate() {
+        loaded.input.find_environment(index)?;
+        let (environment, _) = read_environment(&loaded.input.environment_path(entry), &map_options(entry), context.memory)?;
         own.push((entry.name.clone(), environment.with_rotation(entry.rotate_y_deg).with_intensity(entry.intensity as f32)));
     }
     probes.extend(Probes::new(own, face_resolution));

@@ -10,6 +10,7 @@ mod results;
 mod stability;
 mod xjht06;
 
+use crate::args::MapArgs;
 use crate::bake::{RebakeArgs, bake_file, bake_loaded, default_store};
 use crate::loaded::Loaded;
 use crate::opened::{no_environment, open_asset, open_environment};
@@ -204,7 +205,7 @@ fn bake_seconds(folder: &Path, baked: &Summary, cpu_seconds: f64, was_empty: boo
 
 fn lights(names: Vec<String>, asset: &Asset, context: &Context) -> Result<Vec<ChartLight>, Failure> {
     let light = |name: String| {
-        let environment = open_environment(asset, &name, 0.0, context)?;
+        let environment = open_environment(asset, &name, 0.0, &MapArgs::default(), context)?;
         let cubemap = LightCubemap::from_environment(&environment, asset.face_resolution());
         Ok(ChartLight { name, environment, cubemap })
     };

@@ -2,7 +2,7 @@
 
 use super::args::{BakeKnobs, SceneArgs};
 use super::loaded::Loaded;
-use super::read::read_environment;
+use super::read::{map_options, read_environment};
 use super::reporter::{clock, count, group};
 use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
@@ -37,14 +37,17 @@ pub struct CheckArgs {
 
 /// Runs the verb.
 pub fn run(args: CheckArgs, context: &Context) -> Result<Summary, Failure> {
-    let Loaded { input, mut scene, world, settings, .. } = Loaded::open_quietly(&args.scene.scene, None, &args.knobs, context)?;
+    let loaded = Loaded::open_quietly(&args.scene.scene, None, &args.knobs, context)?;
+    loaded.tell_notes(context);
+    let Loaded { input, mut scene, world, settings, .. } = loaded;
     let memory = context.memory_limit(input.manifest.limits.memory);
     let environments = &input.manifest.environment;
     if !environments.is_empty() {
         let stage = Stage::begin(context.progress(), "lights", Some(environments.len() as u64), "files");
-        for entry in environments {
+        for (index, entry) in environments.iter().enumerate() {
             progress::check(context.progress())?;
-            scene.warnings.extend(read_environment(&input.environment_path(entry), memory)?.1);
+            input.find_environment(index)?;
+            scene.warnings.extend(read_environment(&input.environment_path(entry), &map_options(entry), memory)?.1);
             stage.advance(1);
         }
     }
@@ -53,7 +56,8 @@ pub fn run(args: CheckArgs, context: &Context) -> Result<Summary, Failure> {
     context.reporter.end_stage();
     tell(&found, context);
 
-    let bounds = bounds(&world.positions);
+    let in_file = |corner: [f32; 3]| -> [f64; 3] { std::array::from_fn(|k| super::bake::round(corner[k]) + scene.origin[k]) };
+    let bounds = bounds(&world.positions).map(in_file);
     let mut summary = Summary::new();
     summary.set("scene", input.file.display().to_string());
     summary.set("objects", scene.objects.len()).set("triangles", world.positions.len());
@@ -98,6 +102,32 @@ pub fn run(args: CheckArgs, context: &Context) -> Result<Summary, Failure> {
         summary.exit_code = ExitCode::Found;
     }
     Ok(summary)
+}
+
+/// Findings that other verbs show.
+const WORST: usize = 5;
+
+/// What ruins a picture, first; what is only noted, last.
+fn rank(finding: &Finding) -> usize {
+    const KINDS: [&str; 7] = ["empty", "seen_from_behind", "camera_sees_backs", "far_from_origin", "scale", "thin_walls", "input"];
+    match finding.kind {
+        "input" if finding.text.contains("no light of the environment") => 0,
+        "unused" => KINDS.len() + 2,
+        kind => KINDS.iter().position(|known| *known == kind).unwrap_or(KINDS.len()) + 1,
+    }
+}
+
+/// The worst findings as warnings, a few of them, and where the others are. What nothing shows is no news to somebody who bakes.
+pub fn tell_worst(mut found: Vec<Finding>, scene: &std::path::Path, context: &Context) {
+    found.retain(|finding| finding.kind != "unused");
+    found.sort_by_key(rank);
+    // The last line of at most as many is about the rest.
+    let shown = if found.len() > WORST { WORST - 1 } else { found.len() };
+    tell(&found[..shown], context);
+    if shown < found.len() {
+        let rest = count((found.len() - shown) as u64, "more finding");
+        context.progress().warning(&format!("{rest}: `prelight check {}` has all", scene.display()));
+    }
 }
 
 /// Every finding as a warning: what, whom it concerns, what to do.

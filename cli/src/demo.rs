@@ -1,6 +1,6 @@
 //! `prelight demo`: a scene made in code, baked and rendered under two lights and from two views.
 
-use super::args::{BakeKnobs, ViewArgs};
+use super::args::{BakeKnobs, MapArgs, ViewArgs};
 use super::bake::{RebakeArgs, bake_file};
 use super::opened::{self, open_asset, open_environment};
 use super::render::{Picture, relight, set_metrics, write_image};
@@ -59,8 +59,8 @@ pub fn run(args: DemoArgs, context: &Context) -> Result<Summary, Failure> {
 
 /// Renders one picture and measures it against a small reference.
 fn picture(asset: &Arc<Asset>, camera: &str, light: &str, path: &Path, size: (u32, u32), context: &Context) -> Result<Value, Failure> {
-    let stage = Stage::begin(context.progress(), "render", None, "pictures");
-    let environment = open_environment(asset, light, 0.0, context)?;
+    let stage = Stage::begin(context.progress(), "render", Some(1), "pictures");
+    let environment = open_environment(asset, light, 0.0, &MapArgs::default(), context)?;
     let view = |size| ViewArgs { size, camera: Some(camera.to_string()), eye: None, look_at: None, fov: None };
     let wanted = |size: (u32, u32)| -> Result<Picture, Failure> {
         Ok(Picture {
@@ -76,6 +76,7 @@ fn picture(asset: &Arc<Asset>, camera: &str, light: &str, path: &Path, size: (u3
     let mut row = Summary::new();
     let frame = relight(asset, &environment, &wanted(size)?, Accuracy::FINE, &mut row)?.frame;
     write_image(&frame.image, path, automatic_exposure(&frame.image, &frame.mask))?;
+    stage.advance(1);
     drop(stage);
     let small = wanted(((size.0 / REFERENCE_SHARE).max(1), (size.1 / REFERENCE_SHARE).max(1)))?;
     let truth = Truth::new(asset, &environment, REFERENCE_SAMPLES, None).picture(&small, context)?;

@@ -1,6 +1,6 @@
 //! `prelight inspect`: what is in a bake: objects, sizes, errors.
 
-use super::args::ViewArgs;
+use super::args::{MapArgs, ViewArgs};
 use super::bake::round;
 use super::opened::{camera, open_asset, open_environment};
 use super::render::{Picture, image_format, relight, set_metrics, write_image};
@@ -58,6 +58,8 @@ pub struct InspectArgs {
     /// Environment of the error map: a file, or a name from the scene.toml
     #[arg(short, long, value_name = "FILE|NAME", requires = "map")]
     pub environment: Option<String>,
+    #[command(flatten)]
+    pub map_file: MapArgs,
     /// Samples a pixel of the error map's reference
     #[arg(long, value_name = "SPP", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub reference: u32,
@@ -131,11 +133,18 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
         .set("bytes.by_kind", serde_json::to_value(&by_kind)?)
         .set("materials", asset.materials().len())
         .set("textures", manifest.content.textures.len())
+        .set("bounds", in_file(asset, manifest.content.bounds))
         .set("cameras", asset.cameras().iter().map(|camera| camera.name.clone()).collect::<Vec<_>>())
         .set("report", serde_json::to_value(&manifest.report)?);
     let text = text(asset, &by_kind, &mut objects.clone());
     summary.set("objects", objects).set_text(text);
     Ok(summary)
+}
+
+/// Bounds in the space of the scene's file.
+fn in_file(asset: &Asset, bounds: [[f32; 3]; 2]) -> Value {
+    let origin = asset.origin();
+    json!(bounds.map(|corner| -> [f64; 3] { std::array::from_fn(|k| round(corner[k]) + origin[k]) }))
 }
 
 fn text(asset: &Asset, by_kind: &BTreeMap<String, u64>, objects: &mut [Value]) -> String {
@@ -145,6 +154,9 @@ fn text(asset: &Asset, by_kind: &BTreeMap<String, u64>, objects: &mut [Value]) -
         ("points", asset.n_points().to_string()),
         ("in memory", ByteSize(asset.resident_bytes()).to_string()),
     ];
+    if asset.origin() != [0.0; 3] {
+        rows.push(("origin", format!("{:?} of the file: positions are counted from there", asset.origin())));
+    }
     rows.extend(by_kind.iter().map(|(kind, bytes)| (kind.as_str(), ByteSize(*bytes).to_string())));
     let mut text: String = rows.iter().map(|(name, value)| format!("{name:<14}{value}\n")).collect();
     let is_measured = objects.iter().any(|object| object["measured"].is_number());
@@ -318,7 +330,7 @@ fn map_error(asset: &Arc<Asset>, args: &InspectArgs, output: &Path, context: &Co
         return Err(Failure::text(ExitCode::Usage, "an error map needs a light\n  help: -e FILE or -e NAME"));
     };
     let camera = camera(asset, &args.view)?;
-    let environment = open_environment(asset, name, 0.0, context)?;
+    let environment = open_environment(asset, name, 0.0, &args.map_file, context)?;
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
     let mut summary = Summary::new();
     let picture = Picture { camera, size, samples: 16, clay: false, direct: false, moves: Vec::new(), shadows: true };

@@ -4,6 +4,7 @@ use super::args::BakeKnobs;
 use super::bake::default_store;
 use super::engine::EngineArgs;
 use super::{Context, Failure};
+use prelight_bake::check::findings;
 use prelight_bake::cost::counts::Counts;
 use prelight_bake::progress::Stage;
 use prelight_bake::settings::Settings;
@@ -34,7 +35,25 @@ impl Loaded {
     pub fn open(path: &Path, output: Option<&Path>, knobs: &BakeKnobs, context: &Context) -> Result<Self, Failure> {
         let loaded = Self::open_quietly(path, output, knobs, context)?;
         loaded.scene.warnings.iter().for_each(|warning| context.progress().warning(warning));
+        loaded.tell_notes(context);
         Ok(loaded)
+    }
+
+    /// The same, and instead of every warning the worst of what `check` finds.
+    pub fn open_checked(path: &Path, output: Option<&Path>, knobs: &BakeKnobs, context: &Context) -> Result<Self, Failure> {
+        let loaded = Self::open_quietly(path, output, knobs, context)?;
+        loaded.tell_notes(context);
+        let (input, scene, params) = (&loaded.input, &loaded.scene, &loaded.settings.options.points);
+        super::check::tell_worst(findings(input, scene, &loaded.world, params, context.progress())?, path, context);
+        Ok(loaded)
+    }
+
+    /// How points were spread, where that may surprise.
+    pub fn tell_notes(&self, context: &Context) {
+        for (text, help) in &self.settings.notes {
+            context.progress().warning(text);
+            context.reporter.help(help);
+        }
     }
 
     /// The same, warnings left in the scene.
@@ -49,6 +68,9 @@ impl Loaded {
         let bake = &mut input.manifest.bake;
         bake.face_resolution = knobs.face_resolution.or(bake.face_resolution);
         bake.visibility = knobs.visibility.or(bake.visibility);
+        if knobs.coarser {
+            bake.coarser = Some(true);
+        }
         let memory = context.memory_limit(input.manifest.limits.memory).0;
         let stage = Stage::begin(context.progress(), "read", None, "files");
         let loaded = input.load(memory)?;

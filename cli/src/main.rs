@@ -18,6 +18,7 @@ mod escape;
 mod exit;
 mod farm;
 mod gc;
+mod help;
 mod init;
 mod inspect;
 mod instructions;
@@ -101,6 +102,7 @@ enum Verb {
     Shard(shard::ShardArgs),
     Schema(schema::SchemaArgs),
     Completions(completions::CompletionsArgs),
+    Help(help::HelpArgs),
 }
 
 impl Verb {
@@ -127,7 +129,24 @@ impl Verb {
             Verb::Shard(_) => "shard",
             Verb::Schema(_) => "schema",
             Verb::Completions(_) => "completions",
+            Verb::Help(_) => "help",
         }
+    }
+
+    /// Whether its result is an answer, and not the account of something done.
+    fn is_question(&self) -> bool {
+        matches!(
+            self,
+            Verb::Plan(_)
+                | Verb::Chart(_)
+                | Verb::Inspect(_)
+                | Verb::Diff(_)
+                | Verb::Stats(_)
+                | Verb::Doctor(_)
+                | Verb::Schema(_)
+                | Verb::Completions(_)
+                | Verb::Help(_)
+        )
     }
 
     fn run(self, context: &Context) -> Result<Summary, Failure> {
@@ -153,6 +172,7 @@ impl Verb {
             Verb::Shard(args) => shard::run(args, context),
             Verb::Schema(args) => schema::run(args, context),
             Verb::Completions(args) => completions::run(args, context),
+            Verb::Help(args) => help::run(args, context),
         }
     }
 }
@@ -175,6 +195,8 @@ fn run(arguments: &[OsString]) -> ExitCode {
     interrupt::install();
 
     let name = verb.name();
+    // What somebody asked for is shown even so.
+    let is_silent = global.quiet && !verb.is_question();
     let mut reporter = Reporter::new(look(&global), global.json, global.quiet, stdout.clone());
     let result = run_verb(verb, &global, &reporter);
     reporter.finish();
@@ -186,6 +208,7 @@ fn run(arguments: &[OsString]) -> ExitCode {
             stdout.line(&summary.to_json(name).to_string());
             summary.exit_code
         }
+        Ok(summary) if is_silent => summary.exit_code,
         Ok(summary) => {
             stdout.write(&shown(&summary.to_text()));
             summary.exit_code
@@ -292,7 +315,7 @@ pub fn command(color: Option<String>) -> clap::Command {
         Some("never") => ColorChoice::Never,
         _ => ColorChoice::Auto,
     };
-    Cli::command().color(choice).long_version(long_version())
+    help::dressed(Cli::command()).color(choice).long_version(long_version())
 }
 
 /// `--option value` or `--option=value`, before anything is parsed.

@@ -1,6 +1,6 @@
 //! An asset and an environment opened: what `render` and `inspect` begin with.
 
-use super::args::ViewArgs;
+use super::args::{MapArgs, ViewArgs};
 use super::read::{parse_asset, read, read_environment};
 use super::shipped::{keep_own_images, without_files};
 use super::{Context, ExitCode, Failure};
@@ -10,7 +10,7 @@ use prelight_runtime::asset::mesh::Mesh;
 use prelight_runtime::asset::open_file::{is_pack, store_of};
 use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::framing::automatic_view;
-use prelight_runtime::environment::Environment;
+use prelight_runtime::environment::{Environment, MapOptions, Projection};
 use prelight_runtime::error::RuntimeError;
 use prelight_store::Store;
 use serde_json::Value;
@@ -59,7 +59,7 @@ fn open_manifest_with_bytes(file: &Path, context: &Context) -> Result<(AssetMani
 
 /// The file of that name, else the asset's environment of that name, if the asset may choose files ([`super::shipped`]); turned by
 /// `rotate` degrees more.
-pub fn open_environment(asset: &Asset, name: &str, rotate: f32, context: &Context) -> Result<Environment, Failure> {
+pub fn open_environment(asset: &Asset, name: &str, rotate: f32, map: &MapArgs, context: &Context) -> Result<Environment, Failure> {
     let known = asset.manifest().report.get("environments").and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default();
     let entry = known.iter().find(|entry| entry["name"] == name).filter(|_| !Path::new(name).is_file());
     let (path, turned, intensity) = match entry {
@@ -72,7 +72,10 @@ pub fn open_environment(asset: &Asset, name: &str, rotate: f32, context: &Contex
     if entry.is_none() && !path.exists() {
         return Err(no_environment(name, known.iter().filter_map(|entry| entry["name"].as_str())));
     }
-    let (environment, warnings) = read_environment(&path, context.memory_left())?;
+    let said = |key: &str| entry.and_then(|entry| entry[key].as_str()).map(str::to_string);
+    let written = said("projection").and_then(|name| Projection::ALL.into_iter().find(|projection| projection.name() == name));
+    let options = MapOptions { projection: map.projection.or(written), layer: map.layer.clone().or_else(|| said("layer")) };
+    let (environment, warnings) = read_environment(&path, &options, context.memory_left())?;
     warnings.iter().for_each(|warning| context.progress().warning(warning));
     Ok(environment.with_rotation(turned + f64::from(rotate)).with_intensity(intensity as f32))
 }
@@ -104,7 +107,7 @@ pub fn read_environment_named(name: &str, context: &Context) -> Result<Environme
     if !PathBuf::from(name).exists() {
         return Err(no_environment(name, std::iter::empty()));
     }
-    let (environment, warnings) = read_environment(&PathBuf::from(name), context.memory_left())?;
+    let (environment, warnings) = read_environment(&PathBuf::from(name), &MapOptions::default(), context.memory_left())?;
     warnings.iter().for_each(|warning| context.progress().warning(warning));
     Ok(environment)
 }
@@ -122,7 +125,12 @@ pub fn camera(asset: &Asset, view: &ViewArgs) -> Result<Camera, Failure> {
             };
             found.ok_or_else(|| Failure::text(ExitCode::Input, format!("the scene has no camera {name}\n  help: {help}")))?.camera
         }
-        (None, Some(eye), Some(look_at)) => Camera::upright(eye, look_at, view.fov.unwrap_or(DEFAULT_FOV))?,
+        (None, Some(eye), Some(look_at)) => {
+            // What a person writes is in the file's space.
+            let origin = asset.origin();
+            let [eye, look_at] = [eye, look_at].map(|place| std::array::from_fn(|k| (place[k] - origin[k]) as f32));
+            Camera::upright(eye, look_at, view.fov.unwrap_or(DEFAULT_FOV))?
+        }
         _ => match asset.cameras().first() {
             Some(first) => first.camera,
             None => automatic_camera(asset, view),

@@ -1,8 +1,9 @@
 //! Input files, whole, within the memory limit.
 
 use prelight_bake::BakeError;
+use prelight_manifests::scene::EnvironmentEntry;
 use prelight_manifests::{AssetManifest, ByteSize, ManifestError};
-use prelight_runtime::environment::{Environment, Limits};
+use prelight_runtime::environment::{Environment, Limits, MapOptions};
 use std::io::Read;
 use std::path::Path;
 
@@ -42,12 +43,17 @@ pub fn parse_asset(path: &Path, bytes: &[u8]) -> Result<AssetManifest, BakeError
     })
 }
 
+/// What scene.toml says of an environment's file.
+pub fn map_options(entry: &EnvironmentEntry) -> MapOptions {
+    MapOptions { projection: entry.projection, layer: entry.layer.clone() }
+}
+
 /// Reads and decodes an environment image, and keeps the file's name in front of what a person should know about it.
-pub fn read_environment(path: &Path, limit: ByteSize) -> Result<(Environment, Vec<String>), BakeError> {
+pub fn read_environment(path: &Path, options: &MapOptions, limit: ByteSize) -> Result<(Environment, Vec<String>), BakeError> {
     let name = path.display().to_string();
     let bytes = read(path, limit)?;
     let limits = Limits { max_bytes: limit.0.saturating_sub(bytes.len() as u64) };
-    let (environment, report) = Environment::decode(&name, &bytes, &limits)?;
+    let (environment, report) = Environment::decode_as(&name, &bytes, options, &limits)?;
     let warnings = report.warnings().into_iter().map(|warning| format!("{name}: {warning}")).collect();
     Ok((environment, warnings))
 }

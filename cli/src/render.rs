@@ -1,6 +1,6 @@
 //! `prelight render`: an image from a bake, under any environment; no ray is traced, unless for `--reference`.
 
-use super::args::{ViewArgs, finite};
+use super::args::{MapArgs, ViewArgs, finite};
 use super::bake::round;
 use super::opened::{camera, open_asset, open_environment};
 use super::output::{check_writable, write_atomically};
@@ -33,6 +33,8 @@ pub struct RenderArgs {
     /// Environment: an .hdr or .exr file, or a name from the scene.toml
     #[arg(short, long, value_name = "FILE|NAME")]
     pub environment: String,
+    #[command(flatten)]
+    pub map: MapArgs,
     /// Image to write, .png or .exr
     #[arg(short, long, value_name = "IMAGE", default_value = "render.png")]
     pub output: PathBuf,
@@ -105,7 +107,7 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     let asset = open_asset(&args.asset, context)?;
     let camera = camera(&asset, &args.view)?;
     let open = start.elapsed().as_secs_f64();
-    let environment = open_environment(&asset, &args.environment, args.rotate, context)?;
+    let environment = open_environment(&asset, &args.environment, args.rotate, &args.map, context)?;
     let mut summary = Summary::new();
     summary.set("image", args.output.display().to_string());
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
@@ -114,7 +116,10 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     let relit =
         if args.reference_only { None } else { Some(relight(&asset, &environment, &picture, args.accuracy.accuracy(), &mut summary)?) };
     summary.set("seconds.open", open);
-    summary.set("camera.eye", floats(camera.eye)).set("camera.look_at", floats(camera.look_at)).set("camera.up", floats(camera.up));
+    let in_file = |place: [f32; 3]| -> Vec<f64> {
+        floats(place).into_iter().zip(asset.origin()).map(|(x, origin)| if origin == 0.0 { x } else { x + origin }).collect()
+    };
+    summary.set("camera.eye", in_file(camera.eye)).set("camera.look_at", in_file(camera.look_at)).set("camera.up", floats(camera.up));
     summary.set("camera.fov_y_deg", round(camera.fov_y_deg));
 
     let exposure = args.exposure.map(exposure_from_ev);

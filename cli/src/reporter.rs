@@ -361,7 +361,7 @@ impl Progress for Reporter {
     fn warning(&self, text: &str) {
         if self.shared.json {
             self.shared.event(json!({ "event": "warning", "text": text }));
-        } else if !self.shared.quiet {
+        } else {
             self.shared.say(&super::style::warning(), text);
         }
     }

@@ -48,12 +48,30 @@ pub fn keep_own_images(file: &Path, bytes: &[u8], manifest: &mut AssetManifest, 
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     environments(&mut manifest.report).for_each(|entry| {
         let image = entry.get("image").and_then(Value::as_str).map(PathBuf::from);
-        let usable = image.and_then(|image| if is_own { regular(folder.join(image)) } else { beside(folder, &image) });
+        let usable = image.and_then(|image| match is_own {
+            // Where it was at the bake, else beside the asset: both may have been moved together.
+            true => regular(folder.join(&image)).or_else(|| beside(folder, Path::new(image.file_name()?))),
+            false => beside(folder, &image),
+        });
         match usable {
             Some(path) => entry.insert("image".to_string(), path.display().to_string().into()),
             None => entry.remove("image"),
         };
     });
+}
+
+/// A file's path as seen from a folder, where both have more than the root in common; else its whole path.
+pub fn relative_to(folder: &Path, file: &Path) -> String {
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let whole = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_path_buf());
+    let (folder, file) = (whole(here), whole(file));
+    let shared = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
+    if shared < 2 {
+        return file.display().to_string();
+    }
+    let up = (shared..folder.components().count()).map(|_| Component::ParentDir);
+    let path: PathBuf = up.chain(file.components().skip(shared)).collect();
+    path.display().to_string()
 }
 
 /// The entries of a report's environments.
@@ -146,6 +164,19 @@ mod tests {
             "errors": [{ "object": "Root/Chair", "note": ["x.log"] }],
         });
         assert_eq!(shipped, expected);
+    }
+
+    #[test]
+    fn a_report_names_files_as_seen_from_the_asset() {
+        let outer = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(outer.path().join("work/baked")).unwrap();
+        for name in ["work/sky.hdr", "work/baked/dusk.hdr"] {
+            std::fs::write(outer.path().join(name), b"x").unwrap();
+        }
+        let from = |name: &str| relative_to(&outer.path().join("work/baked"), &outer.path().join(name));
+        assert_eq!(from("work/baked/dusk.hdr"), "dusk.hdr");
+        assert_eq!(from("work/baked/../sky.hdr"), "../sky.hdr");
+        assert_eq!(relative_to(&outer.path().join("work/baked"), Path::new("/nowhere/else.hdr")), "/nowhere/else.hdr");
     }
 
     #[test]

@@ -26,7 +26,7 @@ pub struct UnpackArgs {
 
 /// Runs the verb.
 pub fn run(args: UnpackArgs, context: &Context) -> Result<Summary, Failure> {
-    let source = context.open_pack(&args.file)?;
+    let source = context.open_pack(&args.file).map_err(|error| meant(&args.file).unwrap_or_else(|| error.into()))?;
     let name = args.file.display().to_string();
     let mut manifest = super::read::parse_asset(&args.file, &source.manifest()?)?;
     let output = args.output.unwrap_or_else(|| default_output(&args.file));
@@ -51,6 +51,18 @@ pub fn run(args: UnpackArgs, context: &Context) -> Result<Summary, Failure> {
     write_atomically(&output, |out| out.write_all(manifest.to_text().as_bytes()))?;
     summary.set("chunks", chunks).set("bytes.stored", bytes);
     Ok(summary)
+}
+
+/// For a manifest in the place of a packed asset: which file was meant.
+fn meant(file: &Path) -> Option<Failure> {
+    let packed = PathBuf::from(file.to_str()?.strip_suffix(".prelight.json")?.to_string() + ".prelight");
+    let name = file.display();
+    let help = match packed.is_file() {
+        true => format!("prelight unpack {}", packed.display()),
+        false => format!("it is used as it is: prelight render {name} -e LIGHT; `prelight pack {name}` makes {}", packed.display()),
+    };
+    let text = format!("{name} is the manifest of an asset that is not packed\n  help: {help}");
+    Some(Failure::text(super::ExitCode::Input, text))
 }
 
 fn put_chunks(manifest: &AssetManifest, source: &MemorySource, store: &Store, context: &Context) -> Result<(u64, u64), Failure> {

@@ -97,7 +97,7 @@ pub fn run(args: WatchArgs, context: &Context) -> Result<Summary, Failure> {
 /// Reads, says what is not as it was, bakes.
 fn round(args: &WatchArgs, before: &mut Option<Fingerprint>, context: &Context) -> Result<Summary, Failure> {
     let start = Instant::now();
-    let loaded = Loaded::open(&args.scene.scene, args.output.as_deref(), &args.knobs, context)?;
+    let loaded = Loaded::open_checked(&args.scene.scene, args.output.as_deref(), &args.knobs, context)?;
     let now = Fingerprint::new(&loaded.scene, &loaded.settings.options.points);
     if let Some(before) = &*before {
         let changes = before.changes(&now);

@@ -38,7 +38,7 @@ fn summary(output: &Output) -> Value {
     last
 }
 
-const VERBS: [&str; 21] = [
+const VERBS: [&str; 22] = [
     "demo",
     "init",
     "check",
@@ -60,6 +60,7 @@ const VERBS: [&str; 21] = [
     "shard",
     "schema",
     "completions",
+    "help",
 ];
 
 #[test]
@@ -73,9 +74,8 @@ fn help_lists_every_verb_and_every_verb_explains_itself() {
         assert_eq!((output.status.code(), stderr(&output).as_str()), (Some(0), ""), "{verb}");
         let help = stdout(&output);
         assert!(help.contains(&format!("Usage: prelight {verb}")), "{help}");
-        for option in ["--quiet", "--verbose", "--color", "--progress", "--json", "--jobs", "--memory", "--store", "--dry-run"] {
-            assert!(help.contains(option), "{verb} lacks {option}");
-        }
+        assert!(help.starts_with(&format!("Examples:\n  prelight {verb}")), "{help}");
+        assert!(help.contains("`prelight help options` explains them"), "{help}");
         assert!(help.lines().all(|line| line.chars().count() <= 130), "{verb}: long lines");
     }
     let options = [
@@ -286,7 +286,9 @@ fn check_reads_everything_and_counts_warnings() {
     assert_eq!(output.status.code(), Some(0));
     assert!(stdout(&output).contains("1 warning"), "{}", stdout(&output));
     assert!(stderr(&output).contains("warning: object[0].match = \"Shet\" matches no object"), "{}", stderr(&output));
-    assert_eq!(stderr(&run(folder.path(), &["check", "-q"])), "");
+    let quiet = run(folder.path(), &["check", "-q"]);
+    assert_eq!(stdout(&quiet), "");
+    assert_eq!(stderr(&quiet), "warning: object[0].match = \"Shet\" matches no object\n");
     let verbose = stderr(&run(folder.path(), &["check", "-v"]));
     assert!(verbose.contains("read: 0.") && verbose.contains("peak memory: "), "{verbose}");
     let denied = run(folder.path(), &["check", "--deny", "warnings", "--json"]);
@@ -412,6 +414,7 @@ fn asset(name: &str, n: u8, seed: u8) -> prelight_manifests::AssetManifest {
             cameras: chunk(ChunkKind::Cameras, 2),
             names: chunk(ChunkKind::Names, 3),
             bounds: [[0.0; 3], [1.0; 3]],
+            origin: [0.0; 3],
         },
         report: Default::default(),
     }
@@ -531,4 +534,56 @@ fn the_error_of_a_picture_splits_into_points_and_interpolation() {
     assert!(points < 0.02 && total < 0.02, "{split}");
     assert!((between * between - (total * total - points * points).max(0.0)).abs() < 1e-12, "{split}");
     assert_eq!(run(folder.path(), &["render", "a.json", "-e", "b", "--split"]).status.code(), Some(2), "needs a reference");
+}
+
+#[test]
+fn a_file_that_scene_toml_names_and_that_is_not_there_has_a_line_and_a_column() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |text: &str| std::fs::write(folder.path().join("scene.toml"), text).unwrap();
+    std::fs::write(folder.path().join("sheet.gltf"), minimal_gltf()).unwrap();
+    write("format = 1\n[scene]\ngltf = \"sheat.gltf\"\n");
+    let output = run(folder.path(), &["plan"]);
+    assert_eq!(output.status.code(), Some(3));
+    for words in ["--> scene.toml:3:8", "did you mean sheet.gltf?", "relative to its folder"] {
+        assert!(stderr(&output).contains(words), "{words}: {}", stderr(&output));
+    }
+    write("format = 1\nscene.gltf = \"sheet.gltf\"\n[[environment]]\nname = \"noon\"\nimage = \"noon.hdr\"\n");
+    let output = run(folder.path(), &["check"]);
+    assert_eq!(output.status.code(), Some(3));
+    assert!(stderr(&output).contains("--> scene.toml:5:9"), "{}", stderr(&output));
+}
+
+#[test]
+fn unpacking_a_manifest_names_the_file_that_was_meant() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("room.prelight.json"), "{}").unwrap();
+    let alone = run(folder.path(), &["unpack", "room.prelight.json"]);
+    assert_eq!(alone.status.code(), Some(3), "{}", stderr(&alone));
+    assert!(stderr(&alone).contains("prelight pack room.prelight.json"), "{}", stderr(&alone));
+    std::fs::write(folder.path().join("room.prelight"), "x").unwrap();
+    let both = run(folder.path(), &["unpack", "room.prelight.json"]);
+    assert!(stderr(&both).contains("prelight unpack room.prelight"), "{}", stderr(&both));
+}
+
+#[test]
+fn points_that_a_mesh_cannot_keep_are_told_before_the_bake() {
+    let folder = tempfile::tempdir().unwrap();
+    // A sheet of 30 x 30 squares, each vertex a point.
+    let mut glb = prelight_scene::export::GlbBuilder::new();
+    let positions = (0..31 * 31).map(|i| [(i % 31) as f32 * 0.1, 0.0, (i / 31) as f32 * 0.1]).collect();
+    let cell = |i: u32| (i / 30 * 31 + i % 30, i / 30 * 31 + i % 30 + 31);
+    let triangles = (0..900).map(cell).flat_map(|(a, b)| [[a, b, a + 1], [a + 1, b, b + 1]]).collect();
+    let primitive = prelight_scene::Primitive { positions, triangles, ..Default::default() };
+    let mesh = glb.mesh("Sheet", &prelight_scene::Mesh { primitives: vec![primitive] });
+    glb.node("Sheet", None, prelight_scene::export::Transform::default(), Some(mesh));
+    std::fs::write(folder.path().join("sheet.glb"), glb.to_glb()).unwrap();
+    for verb in ["plan", "check"] {
+        let told = run(folder.path(), &[verb, "sheet.glb", "--points", "100"]);
+        assert_eq!(told.status.code(), Some(0), "{}", stderr(&told));
+        for words in ["100 points were asked for", "the meshes alone have ", "--coarser"] {
+            assert!(stderr(&told).contains(words), "{verb}, {words}: {}", stderr(&told));
+        }
+        let coarser = run(folder.path(), &[verb, "sheet.glb", "--points", "100", "--coarser"]);
+        assert!(!stderr(&coarser).contains("were asked for"), "{}", stderr(&coarser));
+    }
 }

@@ -119,7 +119,7 @@ fn with_buffer(uri: &str) -> Vec<u8> {
 fn with_huge_image() -> Vec<u8> {
     let mut glb = GlbBuilder::new();
     let texture = glb.image("huge", &png_claiming(65535, 65535));
-    let reference = TextureRef { texture, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false };
+    let reference = TextureRef { texture, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false, transform: None };
     let paint = glb.material(&Material { base_color_texture: Some(reference), ..red() });
     let mut mesh = square(paint);
     mesh.primitives[0].uvs[0] = Some(vec![[0.0; 2]; 4]);

@@ -232,3 +232,22 @@ fn absurd_patterns_are_refused_with_words() {
     std::fs::remove_file(folder.path().join("scene.toml")).unwrap();
     run(folder.path(), 3, &["plan", "floor.glb", "--points", "300", "--only", &"{".repeat(50_000)]);
 }
+
+#[test]
+fn an_asset_and_its_environments_can_be_moved_together() {
+    let folder = baked();
+    let report = |folder: &Path| -> Value {
+        let text = std::fs::read_to_string(folder.join("floor.prelight.json")).unwrap();
+        serde_json::from_str::<Value>(&text).unwrap()["report"]["environments"][0]["image"].clone()
+    };
+    assert_eq!(report(folder.path()), json!("skies/noon.hdr"));
+    let before = picture(folder.path(), "floor.prelight.json", "noon");
+    let elsewhere = tempfile::tempdir().unwrap();
+    let there = elsewhere.path().join("there");
+    std::fs::rename(folder.path(), &there).unwrap();
+    assert_eq!(picture(&there, "floor.prelight.json", "noon"), before);
+    // The image alone beside the asset is found as well.
+    std::fs::rename(there.join("skies/noon.hdr"), there.join("noon.hdr")).unwrap();
+    assert_eq!(picture(&there, "floor.prelight.json", "noon"), before);
+    std::fs::create_dir(folder.path()).unwrap();
+}

@@ -59,6 +59,13 @@ pub struct AssetContent {
     pub names: Descriptor,
     /// Bounds of all geometry, `[min, max]`, metres.
     pub bounds: [[f32; 3]; 2],
+    /// Where the zero of all positions lies in the scene file's own space, metres. Zero but for scenes far from the file's zero.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub origin: [f64; 3],
+}
+
+fn is_zero(origin: &[f64; 3]) -> bool {
+    *origin == [0.0; 3]
 }
 
 /// One object: an instance of a mesh in the scene.

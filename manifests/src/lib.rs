@@ -13,6 +13,7 @@ pub mod asset;
 pub mod descriptor;
 pub mod digest;
 pub mod error;
+pub mod length;
 pub mod name;
 pub mod quality;
 pub mod scene;

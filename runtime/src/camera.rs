@@ -61,6 +61,11 @@ impl Camera {
         })
     }
 
+    /// Angle that a pixel in the middle of a picture of so many rows covers, radians.
+    pub fn pixel_angle(&self, rows: usize) -> f32 {
+        (2.0 * libm::tan(f64::from(self.fov_y_deg) * (std::f64::consts::PI / 360.0)) / rows.max(1) as f64) as f32
+    }
+
     /// Right, down and forward, unit.
     fn axes(&self) -> Result<[[f64; 3]; 3], RuntimeError> {
         let error = |what: String| Err(RuntimeError::Camera { what });

@@ -14,6 +14,8 @@ use std::collections::BTreeMap;
 pub(crate) struct Buffers<'a> {
     pub source: Source<'a>,
     pub root: &'a Root,
+    /// Translations of nodes that lie far, in f64.
+    pub far: &'a super::origin::Far,
     pub bytes: Vec<Cow<'a, [u8]>>,
     /// `[views]` what compressed buffer views hold; may be shorter than the file's list.
     pub views: Vec<Option<Vec<u8>>>,

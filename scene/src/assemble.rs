@@ -20,6 +20,8 @@ pub(crate) struct Parts {
     pub materials: Vec<Material>,
     /// Names and encoded bytes, PNG or JPEG.
     pub images: Vec<(String, Vec<u8>)>,
+    /// What positions are counted from: zero, or a multiple of a power of two of about the scene's size.
+    pub origin: [f64; 3],
     pub warnings: Vec<String>,
 }
 
@@ -68,7 +70,7 @@ pub(crate) fn scene(source: Source, parts: Parts, budget: &mut Budget) -> Result
     }
     for (name, mesh) in &parts.objects {
         let mesh = glb.mesh(name, mesh);
-        glb.node(name, None, Transform::default(), Some(mesh));
+        glb.node(name, None, Transform::translation(parts.origin.map(|x| x as f32)), Some(mesh));
     }
     let warnings = parts.warnings;
     drop((parts.objects, parts.images));

@@ -6,6 +6,7 @@
 //! list is added. Elements are read one by one, so that every error says where it is.
 
 use super::error::{Budget, SceneError, Source};
+use super::origin::{Far, far_translations};
 use super::warnings::{Warnings, quote};
 use super::{extension, glb, integers, variant};
 use gltf::json::validation::{Error, Validate};
@@ -16,6 +17,8 @@ use std::ops::Range;
 /// A checked file.
 pub(crate) struct Document {
     pub root: Root,
+    /// Translations that lie far, in f64.
+    pub far: Far,
     /// Extras by list (`asset`, `scenes`, `nodes`, `materials`) and index.
     pub extras: Extras,
     /// Where the binary chunk lies in the file.
@@ -94,6 +97,7 @@ pub(crate) fn parse(
     if let Some(animations) = value.as_object_mut().and_then(|root| root.remove("animations")) {
         warnings.count("animations are not played", animations.as_array().map_or(0, |a| a.len() as u64), || "animations[0]".into());
     }
+    let far = far_translations(&value);
     let extras = take_extras(&mut value);
     let variants = variant::names(&value);
     let mut root = typed(source, value)?;
@@ -101,7 +105,7 @@ pub(crate) fn parse(
         variant::apply(source, &mut root, &variants, chosen)?;
     }
     validate(source, &root, warnings)?;
-    Ok(Document { root, extras, binary })
+    Ok(Document { root, far, extras, binary })
 }
 
 /// Upper bound of the bytes that the parsed and the typed description hold.

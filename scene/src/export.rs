@@ -292,7 +292,15 @@ impl GlbBuilder {
         });
         let sampler = find_or_push(&mut self.samplers, sampler);
         let texture = find_or_push(&mut self.textures, json!({ "source": reference.texture, "sampler": sampler }));
-        json!({ "index": texture, "texCoord": reference.uv_set })
+        let mut info = json!({ "index": texture, "texCoord": reference.uv_set });
+        if let Some([[a, b, c], [d, e, f]]) = reference.transform {
+            // The rows of offset + rotation · scale.
+            self.use_extension("KHR_texture_transform");
+            let (rotation, turned) = (libm::atan2f(-d, a), a * e - b * d < 0.0);
+            let scale = [libm::hypotf(a, d), if turned { -libm::hypotf(b, e) } else { libm::hypotf(b, e) }];
+            info["extensions"] = json!({ "KHR_texture_transform": { "offset": [c, f], "rotation": rotation, "scale": scale } });
+        }
+        info
     }
 
     fn use_extension(&mut self, name: &'static str) {

@@ -49,8 +49,13 @@ pub fn triangle() -> Primitive {
 pub fn small() -> GlbBuilder {
     let mut glb = GlbBuilder::new();
     let texture = glb.image("dots", &png(4, 4));
-    let reference =
-        prelight_runtime::surface::TextureRef { texture, uv_set: 0, wrap: [prelight_runtime::surface::Wrap::Repeat; 2], nearest: false };
+    let reference = prelight_runtime::surface::TextureRef {
+        texture,
+        uv_set: 0,
+        wrap: [prelight_runtime::surface::Wrap::Repeat; 2],
+        nearest: false,
+        transform: None,
+    };
     let paint = prelight_runtime::surface::Material { name: "Paint".into(), base_color_texture: Some(reference), ..Default::default() };
     let material = glb.material(&paint);
     let primitive = Primitive { normals: Some(vec![[0.0, 0.0, 1.0]; 3]), material, ..triangle() };

@@ -10,7 +10,7 @@ use super::error::{Budget, SceneError, Source};
 use super::mesh::{self, Palette, Plan};
 use super::warnings::{Warnings, label};
 use super::world::{Placement, WorldSize, has_area};
-use super::{Mesh, Object, Scene, draco, instance, material, meshopt, node, pose, resource, texture};
+use super::{Mesh, Object, Scene, draco, instance, material, meshopt, node, origin, pose, resource, texture};
 use gltf::json::Root;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
@@ -75,12 +75,12 @@ pub(crate) fn uris(path: &Path, file: &[u8]) -> Vec<String> {
 /// Loads what has been read from the file.
 pub(crate) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, budget: &mut Budget) -> Result<Scene, SceneError> {
     let mut warnings = Warnings::default();
-    let Document { root, extras, binary } = document::parse(source, file, variant, budget, &mut warnings)?;
+    let Document { root, far, extras, binary } = document::parse(source, file, variant, budget, &mut warnings)?;
     node::check(source, &root, &mut warnings)?;
     let scene = choose_scene(source, &root, &mut warnings)?;
     let mut with_path = vec![false; root.nodes.len()];
     extras.nodes.iter().for_each(|(index, _)| with_path[*index] = true);
-    let tree = node::walk(source, &root, scene, &with_path, budget, &mut warnings)?;
+    let mut tree = node::walk(source, (&root, &far), scene, &with_path, budget, &mut warnings)?;
     let mut used: Vec<usize> = tree.meshes.iter().filter_map(|placed| root.nodes[placed.node].mesh).map(|mesh| mesh.value()).collect();
     used.sort_unstable();
     used.dedup();
@@ -96,17 +96,27 @@ pub(crate) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
     }
 
     let bytes = read_buffers(source, &root, file, binary, budget)?;
-    let mut buffers = Buffers { source, root: &root, bytes, views: Vec::new(), accessors: BTreeMap::new() };
+    let mut buffers = Buffers { source, root: &root, far: &far, bytes, views: Vec::new(), accessors: BTreeMap::new() };
     buffers.views = meshopt::decode(&buffers, budget)?;
     buffers.accessors = draco::decode(&buffers, &draco::streams(&buffers, &used)?, budget)?;
     for index in 0..root.accessors.len() {
         buffers.accessor(index)?;
     }
-    let placed = instance::expand(&buffers, tree.meshes, budget)?;
+    let mut placed = instance::expand(&buffers, std::mem::take(&mut tree.meshes), budget)?;
     let nodes: Vec<usize> = placed.iter().map(|placed| placed.node).collect();
     let worlds: Vec<node::Matrix> = placed.iter().map(|placed| placed.world_from_local).collect();
-    let (shapes, shape_of) = pose::shapes(&buffers, &nodes, &worlds, &mut warnings)?;
-    let joints = pose::joints(&buffers, &shapes, scene, budget)?;
+    let (mut shapes, shape_of) = pose::shapes(&buffers, &nodes, &worlds, &mut warnings)?;
+    let mut joints = pose::joints(&buffers, &shapes, scene, budget)?;
+    let origin = origin::of_nodes(&buffers, &placed, (&shapes, &shape_of), &joints);
+    if origin != [0.0; 3] {
+        placed.iter_mut().for_each(|placed| origin::shift(&mut placed.world_from_local, origin, -1.0));
+        shapes.iter_mut().filter_map(|shape| shape.rest.as_mut()).for_each(|rest| origin::shift(rest, origin, -1.0));
+        joints.iter_mut().flat_map(|joints| Arc::make_mut(joints)).for_each(|joint| origin::shift(joint, origin, -1.0));
+        for (camera, (index, world)) in tree.cameras.iter_mut().zip(&mut tree.camera_worlds) {
+            origin::shift(world, origin, -1.0);
+            camera.camera = node::perspective(&root, *index, world).unwrap_or(camera.camera);
+        }
+    }
     let mut palette = Vec::with_capacity(root.materials.len());
     let mut wanted = texture::Wanted::default();
     let in_use = materials_in_use(&root, &used);
@@ -146,6 +156,7 @@ pub(crate) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
         textures,
         tables: Vec::new(),
         cameras: tree.cameras,
+        origin,
         extras: gather_extras(&root, extras, scene, &tree.paths),
         warnings: warnings.lines(),
     })

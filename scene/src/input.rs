@@ -4,7 +4,7 @@ use super::overrides::{self, ObjectKnobs};
 use super::{Scene, enclosure, file, gltf, parts, smooth};
 use crate::error::SceneError;
 use prelight_manifests::SceneManifest;
-use prelight_manifests::scene::EnvironmentEntry;
+use prelight_manifests::scene::{EnvironmentEntry, position};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -20,6 +20,8 @@ pub struct SceneInput {
     pub file: PathBuf,
     /// Folder that paths in the manifest are relative to; empty for the current one.
     pub folder: PathBuf,
+    /// The manifest's text, for places in messages; empty for a bare scene file.
+    pub text: String,
 }
 
 /// A scene with its manifest's rules applied.
@@ -48,15 +50,44 @@ impl SceneInput {
                 let Some(name) = name else {
                     return Err(unsupported(&file, "has a name that is not UTF-8", "rename the file"));
                 };
-                Ok(SceneInput { manifest: SceneManifest::for_gltf(name), file, folder })
+                Ok(SceneInput { manifest: SceneManifest::for_gltf(name), file, folder, text: String::new() })
             }
             "toml" => {
                 let text = read_manifest(&file)?;
                 let manifest = SceneManifest::parse(&file.display().to_string(), &text)?;
-                Ok(SceneInput { manifest, file, folder })
+                Ok(SceneInput { manifest, file, folder, text })
             }
             _ if !file.exists() => Err(missing(&file)),
             _ => Err(unsupported(&file, "is neither a scene.toml nor a scene file", "name a .toml, .glb, .gltf, .obj or .ply file")),
+        }
+    }
+
+    /// Where the manifest says it: `scene.toml:4:8` of the value at `path` (as `environment[1].image`).
+    pub fn place(&self, path: &str) -> String {
+        position::place(&self.file.display().to_string(), &self.text, path)
+    }
+
+    /// Fails when a file that the manifest names is not there, with the place that names it.
+    fn find(&self, path: &Path, field: &str) -> Result<(), SceneError> {
+        match std::fs::metadata(path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound && !self.text.is_empty() => {
+                let here = if self.folder.as_os_str().is_empty() { Path::new(".") } else { &self.folder };
+                let help = format!("paths in it are relative to its folder, {}", here.display());
+                let text = format!("{error}\n  --> {}\n  help: {help}", self.place(field));
+                Err(SceneError::input(path, std::io::Error::new(error.kind(), text)))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Fails when the image of the manifest's environment of this number is not there.
+    ///
+    /// # Errors
+    /// [`SceneError::Input`], with line and column.
+    pub fn find_environment(&self, index: usize) -> Result<(), SceneError> {
+        match self.manifest.environment.get(index) {
+            Some(entry) => self.find(&self.environment_path(entry), &format!("environment[{index}].image")),
+            None => Ok(()),
         }
     }
 
@@ -97,6 +128,14 @@ impl SceneInput {
     ///
     /// `memory` bounds what loading may hold, bytes.
     pub fn load(&self, memory: u64) -> Result<LoadedScene, SceneError> {
+        match &self.manifest.scene.part[..] {
+            [] => self.find(&self.gltf_path(), "scene.gltf")?,
+            parts => {
+                for (i, part) in parts.iter().enumerate() {
+                    self.find(&self.folder.join(&part.gltf), &format!("scene.part[{i}].gltf"))?;
+                }
+            }
+        }
         let limits = gltf::LoadLimits { max_bytes: memory };
         let mut scene = match &self.manifest.scene.part[..] {
             [] => file::load(&self.gltf_path(), self.manifest.scene.variant.as_deref(), &limits)?,

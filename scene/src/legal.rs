@@ -189,16 +189,24 @@ fn texture_transforms_go_into_the_coordinates() {
     assert_eq!(scene.textures[0].texels, scene.textures[1].texels);
     assert_eq!([scene.textures[0].encoding, scene.textures[1].encoding], [TextureEncoding::Srgb, TextureEncoding::Linear]);
 
-    let scene = changed(
-        |j, _| {
-            let with = |x: f64| json!({ "index": 0, "extensions": { "KHR_texture_transform": { "offset": [x, 0] } } });
-            j["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = with(0.1);
-            j["materials"][0]["pbrMetallicRoughness"]["metallicRoughnessTexture"] = with(0.2);
-            j["materials"][0]["emissiveTexture"] = with(0.3);
-        },
-        &[],
-    );
-    assert!(scene.materials[0].metallic_roughness_texture.is_some() && scene.materials[0].emissive_texture.is_none());
+    let with = |set: u32, x: f64| json!({ "index": 0, "texCoord": set, "extensions": { "KHR_texture_transform": { "offset": [x, 0] } } });
+    let three = |j: &mut Value, sets: [u32; 3]| {
+        j["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = with(sets[0], 0.1);
+        j["materials"][0]["pbrMetallicRoughness"]["metallicRoughnessTexture"] = with(sets[1], 0.2);
+        j["materials"][0]["emissiveTexture"] = with(sets[2], 0.3);
+    };
+    // More than two: the set as it is in the file, and a transform in each reference.
+    let scene = changed(|j, _| three(j, [0; 3]), &[]);
+    assert_eq!(first(&scene).uvs[0].as_ref().unwrap(), &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]);
+    let material = &scene.materials[0];
+    for (reference, x) in [(material.base_color_texture, 0.1), (material.metallic_roughness_texture, 0.2), (material.emissive_texture, 0.3)]
+    {
+        assert_eq!(reference.unwrap().place([0.5, 0.25]), [0.5 + x, 0.25]);
+    }
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    // Only a third set of the file has no place.
+    let scene = changed(|j, _| three(j, [0, 1, 2]), &[]);
+    assert!(scene.materials[0].emissive_texture.is_none());
     warned(&scene, "its emissive texture is left out (1, first: materials[0] \"Paint\")");
 }
 

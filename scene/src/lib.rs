@@ -12,6 +12,8 @@ mod enclosure;
 mod error;
 pub mod export;
 mod extension;
+#[cfg(test)]
+mod far;
 pub mod file;
 #[cfg(test)]
 mod fixture;
@@ -37,6 +39,7 @@ mod mesh;
 mod meshopt;
 mod node;
 mod obj;
+mod origin;
 pub mod overrides;
 mod parts;
 mod ply;
@@ -73,6 +76,9 @@ pub struct Scene {
     pub tables: Vec<Measured>,
     /// Cameras of the scene, world space. Empty in most files.
     pub cameras: Vec<SceneCamera>,
+    /// Where the world's zero lies in the file's own space, metres: positions, objects and cameras are counted from there. Zero but for scenes
+    /// far from the file's zero.
+    pub origin: [f64; 3],
     /// Extras of asset, scene, nodes and materials, kept as they stood: `{"asset", "scene", "nodes": {path: extras}, "materials":
     /// [{"index", "name", "extras"}]}`, parts without any left out; null when there are none.
     pub extras: serde_json::Value,

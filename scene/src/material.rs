@@ -2,7 +2,9 @@
 //!
 //! A surface has two sets of texture coordinates; a glTF texture may name any set and transform it (KHR_texture_transform). So each
 //! material gets two *slots*, a slot being (set of the file, transform), and the loader fills a primitive's sets by the slots of
-//! its material: u' = o_u + cos(r)·s_u·u + sin(r)·s_v·v, v' = o_v − sin(r)·s_u·u + cos(r)·s_v·v, in f64, rounded once.
+//! its material: u' = o_u + cos(r)·s_u·u + sin(r)·s_v·v, v' = o_v − sin(r)·s_u·u + cos(r)·s_v·v, in f64, rounded once. Where a material
+//! has more than two of them, its slots are the file's sets as they are, and each texture reference carries its transform. A
+//! third *set* in one material is left out with a warning.
 
 use super::error::{SceneError, Source};
 use super::lobes;
@@ -126,10 +128,14 @@ pub(crate) fn read(
     if json.occlusion_texture.is_some() {
         warnings.note("a baked occlusion texture is left out: occlusion is computed", at);
     }
+    let slots: Vec<Slot> = uses.iter().map(|usage| slot_of(source, &at(), usage)).collect::<Result<_, _>>()?;
+    let fits = slots.iter().all(|slot| *slot == slots[0] || slots.iter().find(|other| **other != slots[0]) == Some(slot));
     let mut taken: [Option<Slot>; 2] = [None; 2];
-    for usage in uses {
-        let reference = resolve(source, root, &at(), &usage, &mut taken, wanted, warnings)?;
-        *(usage.place)(&mut resolved.material) = reference;
+    for (usage, slot) in uses.iter().zip(slots) {
+        let transform = (!fits && slot.transform != IDENTITY).then(|| slot.transform.map(|row| row.map(|x| x as f32)));
+        let slot = if fits { slot } else { Slot { transform: IDENTITY, ..slot } };
+        let reference = resolve(source, root, &at(), (usage, slot), &mut taken, wanted, warnings)?;
+        *(usage.place)(&mut resolved.material) = reference.map(|reference| TextureRef { transform, ..reference });
     }
     for (slot, taken) in resolved.slots.iter_mut().zip(taken) {
         *slot = taken.unwrap_or(*slot);
@@ -186,19 +192,17 @@ fn resolve(
     source: Source,
     root: &Root,
     at: &str,
-    usage: &Use,
+    (usage, slot): (&Use, Slot),
     taken: &mut [Option<Slot>; 2],
     wanted: &mut Wanted,
     warnings: &mut Warnings,
 ) -> Result<Option<TextureRef>, SceneError> {
-    let slot = slot_of(source, at, usage)?;
     // A set keeps its own number where it can, so that plain files read as they stand.
     let own = (slot.set as usize).min(1);
     let fits = |k: usize, taken: &[Option<Slot>; 2]| taken[k].is_none_or(|other| other == slot);
     let Some(place) = [own, 1 - own].into_iter().find(|&k| taken[k] == Some(slot)).or([own, 1 - own].into_iter().find(|&k| fits(k, taken)))
     else {
-        let kind =
-            format!("a material uses more than two sets or transforms of texture coordinates: its {} texture is left out", usage.what);
+        let kind = format!("a material uses more than two sets of texture coordinates: its {} texture is left out", usage.what);
         warnings.note(&kind, || at.to_string());
         return Ok(None);
     };
@@ -222,6 +226,7 @@ fn resolve(
         uv_set: place as u32,
         wrap: sampler.map_or([Wrap::Repeat; 2], |s| [wrap(s.wrap_s), wrap(s.wrap_t)]),
         nearest: sampler.is_some_and(|s| matches!(s.mag_filter, Some(Checked::Valid(MagFilter::Nearest)))),
+        transform: None,
     }))
 }
 

@@ -95,7 +95,8 @@ fn specular_glossiness_becomes_reflectance_and_roughness() {
     let mut glb = GlbBuilder::new();
     let image = RgbaImage::from_fn(4, 1, |x, _| image::Rgba([10, 100, 250, (85 * x) as u8]));
     let image = glb.image("gloss", &encode(DynamicImage::ImageRgba8(image), ImageFormat::Png));
-    let reference = prelight_runtime::surface::TextureRef { texture: image, uv_set: 0, wrap: [Wrap::Clamp; 2], nearest: true };
+    let reference =
+        prelight_runtime::surface::TextureRef { texture: image, uv_set: 0, wrap: [Wrap::Clamp; 2], nearest: true, transform: None };
     let paint = glb.material(&Material { base_color_texture: Some(reference), ..Material::default() });
     let mesh = glb.mesh("Sail", &Mesh { primitives: vec![Primitive { material: paint, ..triangle() }] });
     glb.node("Boat", None, Transform::default(), Some(mesh));

@@ -29,8 +29,8 @@ pub(crate) struct Plan {
     indices: Option<usize>,
     material: u32,
     pose: Pose,
-    /// Set of texture coordinates for which tangents have to be made.
-    make_tangents: Option<usize>,
+    /// Set of texture coordinates for which tangents have to be made, and the texture along which.
+    make_tangents: Option<(usize, Option<TextureRef>)>,
     /// Upper bounds, for the count of a flattened scene.
     pub triangles: u64,
     pub vertices: u64,
@@ -167,8 +167,8 @@ pub(crate) fn plan(
         material = bare;
 
         let colors = matching(attribute(Semantic::Colors(0)))?;
-        let tangent_set = palette.resolved[material as usize].material.tangent_uv_set();
-        let make_tangents = tangent_set.filter(|_| tangents.is_none()).map(|set| set as usize);
+        let surface = &palette.resolved[material as usize].material;
+        let make_tangents = surface.tangent_uv_set().filter(|_| tangents.is_none()).map(|set| (set as usize, surface.tangent_texture()));
         // Making tangents may split vertices, at most into one a corner.
         let vertices = if make_tangents.is_some() { count.max(3 * triangles) } else { count };
         let with_normals = normals.is_some() || make_tangents.is_some();
@@ -214,8 +214,8 @@ fn primitive(buffers: &Buffers, plan: &Plan) -> Result<Primitive, SceneError> {
     let uvs = [uv(0)?, uv(1)?];
     let mut primitive = Primitive { positions, normals, tangents, uvs, colors, triangles, material: plan.material };
     pose::apply(buffers, &plan.pose, &mut primitive)?;
-    if let Some(set) = plan.make_tangents {
-        tangent::make(&mut primitive, set);
+    if let Some((set, texture)) = plan.make_tangents {
+        tangent::make(&mut primitive, set, texture);
     }
     Ok(primitive)
 }

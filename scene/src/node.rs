@@ -5,6 +5,7 @@
 //! library whose bits differ between CPUs takes part.
 
 use super::error::{Budget, SceneError, Source};
+use super::origin::Far;
 use super::warnings::{Warnings, label};
 use gltf::json::camera::Type as CameraType;
 use gltf::json::validation::Checked;
@@ -31,6 +32,8 @@ pub(crate) struct Tree {
     /// Nodes with a mesh, in depth-first order.
     pub meshes: Vec<Placed>,
     pub cameras: Vec<SceneCamera>,
+    /// For each of them, its index in the file and its transform.
+    pub camera_worlds: Vec<(usize, Matrix)>,
     /// A node with a mesh was left out because it is hidden.
     pub hidden: bool,
     /// Paths of the nodes asked for.
@@ -89,7 +92,7 @@ pub(crate) fn check(source: Source, root: &Root, warnings: &mut Warnings) -> Res
 /// Walks one scene. `with_path[node]` asks for the path of a node that has no mesh.
 pub(crate) fn walk(
     source: Source,
-    root: &Root,
+    (root, far): (&Root, &Far),
     scene: usize,
     with_path: &[bool],
     budget: &mut Budget,
@@ -117,7 +120,7 @@ pub(crate) fn walk(
             path.push('/');
         }
         path.push_str(&name);
-        let world = multiply(&parent, &local(source, index, node)?);
+        let world = multiply(&parent, &local(source, index, node, far)?);
         if node.matrix.is_some_and(|matrix| last_row(&matrix) != LAST_ROW) {
             warnings.note("a matrix whose last row is off by rounding is read as 0 0 0 1", || label("nodes", index, node.name.as_deref()));
         }
@@ -141,6 +144,7 @@ pub(crate) fn walk(
                     let own = root.cameras[camera.value()].name.as_deref().filter(|name| !name.is_empty());
                     let name = node.name.as_deref().filter(|name| !name.is_empty()).or(own).unwrap_or(&name).to_string();
                     tree.cameras.push(SceneCamera { name, camera: camera_ });
+                    tree.camera_worlds.push((camera.value(), world));
                 }
                 Err(why) => warnings.note(why, at),
             }
@@ -194,7 +198,7 @@ fn is_visible(source: Source, index: usize, node: &Node) -> Result<bool, SceneEr
 
 /// World transforms of all nodes, by index, in whatever scene they are; the roots of `scene` stand where they stand in it. The nodes must
 /// be a forest ([`check`]).
-pub(crate) fn worlds(source: Source, root: &Root, scene: usize) -> Result<Vec<Matrix>, SceneError> {
+pub(crate) fn worlds(source: Source, (root, far): (&Root, &Far), scene: usize) -> Result<Vec<Matrix>, SceneError> {
     let mut worlds = vec![IDENTITY; root.nodes.len()];
     let mut has_parent = vec![false; root.nodes.len()];
     root.nodes.iter().flat_map(|node| node.children.iter().flatten()).for_each(|child| has_parent[child.value()] = true);
@@ -204,11 +208,11 @@ pub(crate) fn worlds(source: Source, root: &Root, scene: usize) -> Result<Vec<Ma
     roots.iter().for_each(|&node| is_root[node] = true);
     let mut stack: Vec<usize> = (0..root.nodes.len()).filter(|&node| !has_parent[node]).collect();
     for &node in &stack {
-        worlds[node] = local(source, node, &root.nodes[node])?;
+        worlds[node] = local(source, node, &root.nodes[node], far)?;
     }
     while let Some(parent) = stack.pop() {
         for child in root.nodes[parent].children.iter().flatten().map(|child| child.value()).filter(|&child| !is_root[child]) {
-            worlds[child] = multiply(&worlds[parent], &local(source, child, &root.nodes[child])?);
+            worlds[child] = multiply(&worlds[parent], &local(source, child, &root.nodes[child], far)?);
             stack.push(child);
         }
     }
@@ -256,7 +260,7 @@ fn last_row(matrix: &[f32; 16]) -> [f32; 4] {
     [matrix[3], matrix[7], matrix[11], matrix[15]]
 }
 
-fn local(source: Source, index: usize, node: &Node) -> Result<Matrix, SceneError> {
+fn local(source: Source, index: usize, node: &Node, far: &Far) -> Result<Matrix, SceneError> {
     let at = || label("nodes", index, node.name.as_deref());
     if let Some(matrix) = node.matrix {
         if !matrix.iter().all(|x| x.is_finite()) {
@@ -267,6 +271,9 @@ fn local(source: Source, index: usize, node: &Node) -> Result<Matrix, SceneError
         }
         let mut matrix = matrix.map(f64::from);
         (0..4).for_each(|c| matrix[4 * c + 3] = f64::from(LAST_ROW[c]));
+        if let Some(exact) = far.get(&index) {
+            matrix[12..15].copy_from_slice(exact);
+        }
         return Ok(matrix);
     }
     let t = node.translation.unwrap_or([0.0; 3]);
@@ -275,7 +282,11 @@ fn local(source: Source, index: usize, node: &Node) -> Result<Matrix, SceneError
     if !t.iter().chain(&s).chain(&q).all(|x| x.is_finite()) {
         return Err(source.invalid(at(), "a translation, rotation or scale that is not finite"));
     }
-    compose(t, q, s).ok_or_else(|| source.invalid(at(), "a rotation of length 0"))
+    let mut matrix = compose(t, q, s).ok_or_else(|| source.invalid(at(), "a rotation of length 0"))?;
+    if let Some(exact) = far.get(&index) {
+        matrix[12..15].copy_from_slice(exact);
+    }
+    Ok(matrix)
 }
 
 /// T·R·S; `None` for a quaternion of length 0.
@@ -314,7 +325,7 @@ pub(crate) fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
 }
 
 /// A glTF camera looks along its −Z with +Y up.
-fn perspective(root: &Root, index: usize, world: &Matrix) -> Result<Camera, &'static str> {
+pub(crate) fn perspective(root: &Root, index: usize, world: &Matrix) -> Result<Camera, &'static str> {
     let json = &root.cameras[index];
     let Some(lens) = json.perspective.as_ref().filter(|_| matches!(json.type_, Checked::Valid(CameraType::Perspective))) else {
         return Err("orthographic cameras are not read");

@@ -41,8 +41,8 @@ fn parse(source: Source, file: &[u8], budget: &mut Budget) -> Result<Parts, Scen
     let options = tobj::LoadOptions { single_index: true, triangulate: true, ignore_points: true, ignore_lines: true };
     let (models, materials) = tobj::load_obj_buf(&mut &clean.text[..], &options, library).map_err(|error| bug(source, &error))?;
     let (budget, mut warnings) = shared.into_inner();
+    let mut parts = Parts { origin: clean.origin, ..Parts::default() };
     drop(clean);
-    let mut parts = Parts::default();
     for material in materials.map_err(|error| bug(source, &error))? {
         let read = read_material(source, &material, &mut parts, budget, &mut warnings)?;
         parts.materials.push(read);
@@ -110,7 +110,8 @@ fn read_material(
                 if known.is_none() {
                     parts.images.push((map.clone(), bytes));
                 }
-                material.base_color_texture = Some(TextureRef { texture, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false });
+                material.base_color_texture =
+                    Some(TextureRef { texture, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false, transform: None });
             }
             Err(why) => warnings.note("textures that cannot be read are left out", || format!("{}: {why}", at())),
         }

@@ -188,8 +188,10 @@ fn apply(rule: &MaterialRule, material: &mut Material) {
         }
         Some(AlphaModeName::Mask) | None => {}
     }
-    if let (Some(value), AlphaMode::Mask { cutoff }) = (rule.alpha_cutoff, &mut material.alpha_mode) {
-        *cutoff = value as f32;
+    match (rule.alpha_cutoff, &mut material.alpha_mode) {
+        (Some(value), AlphaMode::Mask { cutoff }) => *cutoff = value as f32,
+        (Some(value), AlphaMode::Blend) => material.blocks_from = Some(value as f32),
+        _ => {}
     }
     if rule.occludes.is_some() {
         material.occludes = rule.occludes;

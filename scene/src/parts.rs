@@ -29,7 +29,14 @@ use std::sync::Arc;
 /// # Errors
 /// Those of the files; too many triangles, or too much memory, in all.
 pub(crate) fn load(parts: &[ScenePart], folder: &Path, limits: &LoadLimits) -> Result<Scene, SceneError> {
-    let mut joined = Joined { scene: Scene::default(), bytes: 0, size: WorldSize::default(), extras: Map::new(), limit: limits.max_bytes };
+    let mut joined = Joined {
+        scene: Scene::default(),
+        bytes: 0,
+        size: WorldSize::default(),
+        extras: Map::new(),
+        cameras: Vec::new(),
+        limit: limits.max_bytes,
+    };
     let mut files: BTreeMap<(PathBuf, Option<&str>), File> = BTreeMap::new();
     for part in parts {
         let path = folder.join(&part.gltf);
@@ -41,6 +48,9 @@ pub(crate) fn load(parts: &[ScenePart], folder: &Path, limits: &LoadLimits) -> R
         };
         joined.place(part, file, &path)?;
     }
+    super::origin::recentre(&mut joined.scene);
+    let from = joined.scene.origin;
+    joined.scene.cameras = joined.cameras.iter().map(|placed| placed.camera(from)).collect();
     if !joined.extras.is_empty() {
         joined.scene.extras = json!({ "parts": joined.extras });
     }
@@ -51,7 +61,17 @@ pub(crate) fn load(parts: &[ScenePart], folder: &Path, limits: &LoadLimits) -> R
 struct File {
     objects: Vec<Object>,
     cameras: Vec<SceneCamera>,
+    origin: [f64; 3],
     extras: Value,
+}
+
+/// A camera before the scene's origin is known: eye and target in f64.
+struct Placed {
+    name: String,
+    eye: [f64; 3],
+    look_at: [f64; 3],
+    up: [f32; 3],
+    fov_y_deg: f32,
 }
 
 struct Joined {
@@ -60,6 +80,7 @@ struct Joined {
     bytes: u64,
     size: WorldSize,
     extras: Map<String, Value>,
+    cameras: Vec<Placed>,
     limit: u64,
 }
 
@@ -97,7 +118,7 @@ impl Joined {
             object.mesh = mesh.clone();
         }
         self.scene.warnings.extend(scene.warnings.into_iter().map(|warning| format!("{}: {warning}", part.name())));
-        Ok(File { objects: scene.objects, cameras: scene.cameras, extras: scene.extras })
+        Ok(File { objects: scene.objects, cameras: scene.cameras, origin: scene.origin, extras: scene.extras })
     }
 
     /// Adds a file's objects and cameras as one part.
@@ -125,12 +146,10 @@ impl Joined {
         self.scene.objects.extend(file.objects.iter().map(|object| Object {
             name: format!("{name}/{}", object.name),
             mesh: object.mesh.clone(),
-            world_from_local: multiply(&matrix, &object.world_from_local),
+            world_from_local: multiply(&matrix, &in_file(&object.world_from_local, file.origin)),
         }));
-        self.scene.cameras.extend(
-            (file.cameras.iter())
-                .map(|camera| SceneCamera { name: format!("{name}/{}", camera.name), camera: placed_camera(&matrix, &camera.camera) }),
-        );
+        self.cameras
+            .extend(file.cameras.iter().map(|camera| Placed::new(format!("{name}/{}", camera.name), &matrix, &camera.camera, file.origin)));
         if !file.extras.is_null() {
             self.extras.insert(name.to_string(), file.extras.clone());
         }
@@ -177,20 +196,32 @@ fn sin_cos_deg(degrees: f64) -> (f64, f64) {
     }
 }
 
-/// A camera carried along with its part.
-fn placed_camera(m: &Matrix, camera: &Camera) -> Camera {
-    let turned = |v: [f32; 3]| -> [f64; 3] {
-        let [x, y, z] = v.map(f64::from);
-        std::array::from_fn(|r| (m[r] * x + m[4 + r] * y) + m[8 + r] * z)
-    };
-    let point = |p: [f32; 3]| {
-        let turned = turned(p);
-        std::array::from_fn(|r| (turned[r] + m[12 + r]) as f32)
-    };
-    let up = turned(camera.up);
-    let length = ((up[0] * up[0] + up[1] * up[1]) + up[2] * up[2]).sqrt();
-    let up = if length > 0.0 { up.map(|x| (x / length) as f32) } else { camera.up };
-    Camera { eye: point(camera.eye), look_at: point(camera.look_at), up, fov_y_deg: camera.fov_y_deg }
+/// A transform as the file has it, not counted from the file's origin.
+fn in_file(matrix: &Matrix, origin: [f64; 3]) -> Matrix {
+    let mut matrix = *matrix;
+    super::origin::shift(&mut matrix, origin, 1.0);
+    matrix
+}
+
+impl Placed {
+    /// A camera carried along with its part.
+    fn new(name: String, m: &Matrix, camera: &Camera, origin: [f64; 3]) -> Self {
+        let turned = |[x, y, z]: [f64; 3]| -> [f64; 3] { std::array::from_fn(|r| (m[r] * x + m[4 + r] * y) + m[8 + r] * z) };
+        let point = |p: [f32; 3]| {
+            let turned = turned(std::array::from_fn(|k| f64::from(p[k]) + origin[k]));
+            std::array::from_fn(|r| turned[r] + m[12 + r])
+        };
+        let up = turned(camera.up.map(f64::from));
+        let length = ((up[0] * up[0] + up[1] * up[1]) + up[2] * up[2]).sqrt();
+        let up = if length > 0.0 { up.map(|x| (x / length) as f32) } else { camera.up };
+        Placed { name, eye: point(camera.eye), look_at: point(camera.look_at), up, fov_y_deg: camera.fov_y_deg }
+    }
+
+    /// The camera, counted from an origin.
+    fn camera(&self, origin: [f64; 3]) -> SceneCamera {
+        let [eye, look_at] = [self.eye, self.look_at].map(|p| std::array::from_fn(|k| (p[k] - origin[k]) as f32));
+        SceneCamera { name: self.name.clone(), camera: Camera { eye, look_at, up: self.up, fov_y_deg: self.fov_y_deg } }
+    }
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@
 use super::assemble::{self, Parts, linear_from_srgb, plain};
 use super::error::{Budget, SceneError, Source};
 use super::gltf::LoadLimits;
+use super::origin::Bounds;
 use super::warnings::{Warnings, quote};
 use super::{Mesh, Primitive, Scene};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
@@ -207,6 +208,8 @@ fn longest_line(text: &[u8]) -> u64 {
 #[derive(Default)]
 struct Found {
     primitive: Primitive,
+    /// What positions are counted from.
+    origin: [f64; 3],
     has_vertices: bool,
     /// Corners of faces are looked up once all vertices are there; most files list vertices first.
     triangles: Vec<[i64; 3]>,
@@ -222,8 +225,11 @@ impl Found {
         self.has_vertices = true;
         let (mut normals, mut uvs, mut colors) = (Vec::new(), Vec::new(), Vec::new());
         let mut positions = Vec::with_capacity(read.len());
+        let mut bounds = Bounds::default();
+        read.iter().for_each(|vertex| bounds.point(vertex.position));
+        self.origin = bounds.origin();
         for (i, vertex) in read.iter().enumerate() {
-            let position = vertex.position.map(|x| x as f32);
+            let position: [f32; 3] = std::array::from_fn(|k| (vertex.position[k] - self.origin[k]) as f32);
             let all = position.iter().chain(&vertex.normal).chain(&vertex.uv);
             if !all.clone().all(|x| x.is_finite()) || !vertex.color.iter().all(|x| x.is_finite()) {
                 let (file, at) = (source.name(), format!("vertex {i}"));
@@ -304,6 +310,7 @@ impl Found {
         // A colour of its own would tint those of the vertices.
         let grey = if self.primitive.colors.is_some() { 1.0 } else { 0.8 };
         Ok(Parts {
+            origin: self.origin,
             objects: vec![(name.clone(), Mesh { primitives: vec![self.primitive] })],
             materials: vec![plain(&name, [grey, grey, grey, 1.0])],
             images: Vec::new(),

@@ -93,7 +93,7 @@ pub(crate) fn joints(buffers: &Buffers, shapes: &[Shape], scene: usize, budget: 
         return Ok(joints);
     }
     budget.charge("nodes", "their world transforms", (root.nodes.len() * (size_of::<Matrix>() + 8)) as u64)?;
-    let worlds = node::worlds(buffers.source, root, scene)?;
+    let worlds = node::worlds(buffers.source, (root, buffers.far), scene)?;
     for (index, skin) in root.skins.iter().enumerate() {
         if !shapes.iter().any(|shape| shape.skin == Some(index)) {
             continue;

@@ -11,16 +11,18 @@
 use super::Primitive;
 use glam::DVec3;
 use prelight_runtime::sphere::frame;
+use prelight_runtime::surface::TextureRef;
 
-/// Fills `tangents` (and flat `normals` where there are none) from set `set` of texture coordinates, which must be present.
+/// Fills `tangents` (and flat `normals` where there are none) from set `set` of texture coordinates, which must be present, as `texture`
+/// places them.
 /// Vertices may be split; existing ones keep their index.
-pub(crate) fn make(primitive: &mut Primitive, set: usize) {
+pub(crate) fn make(primitive: &mut Primitive, set: usize, texture: Option<TextureRef>) {
     if primitive.normals.is_none() {
         flatten(primitive);
     }
     let (Some(uvs), Some(normals)) = (&primitive.uvs[set], &primitive.normals) else { return };
     let point = |v: u32| DVec3::from(primitive.positions[v as usize].map(f64::from));
-    let coordinates = |v: u32| uvs[v as usize].map(f64::from);
+    let coordinates = |v: u32| texture.map_or(uvs[v as usize], |texture| texture.place(uvs[v as usize])).map(f64::from);
 
     // Handedness of each triangle: 0 where it has none.
     let mut n_vertices = normals.len();

@@ -137,7 +137,7 @@ fn normal_maps_get_the_light_between_the_two_horizons() {
     // 45 degrees toward +u.
     let texels = std::borrow::Cow::Owned(vec![218, 128, 218, 255]);
     scene.textures.push(Texture { width: 1, height: 1, encoding: TextureEncoding::Linear, texels });
-    let map = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false };
+    let map = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false, transform: None };
     scene.materials[0] = Material { model: Model::Lambert, base_color: [1.0; 4], normal_texture: Some(map), ..scene.materials[0].clone() };
     let asset = baked_asset(&scene, EDGE);
     let camera = Camera::new([0.0, 2.0, 0.0], [0.0; 3], [1.0, 0.0, 0.0], 10.0).unwrap();

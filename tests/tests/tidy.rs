@@ -100,6 +100,10 @@ fn runtime_shows_no_foreign_types_and_the_store_calls_the_system_in_one_place() 
 #[test]
 fn ci_runs_exactly_the_test_line_of_the_readme() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    // The program in README is that of the guide, line by line.
+    let guide = fs::read_to_string(root().join("docs/embedding.md")).unwrap();
+    let program = |text: &str| text.split("```rust\n").nth(1).and_then(|rest| rest.split("```").next()).map(str::to_owned);
+    assert!(program(&readme).is_some() && program(&readme) == program(&guide), "README and docs/embedding.md show different programs");
     let ci = fs::read_to_string(root().join(".ci/run")).unwrap();
     let line = readme.lines().find(|line| line.starts_with("cargo test")).expect("README names a test command").trim();
     assert!(ci.lines().any(|l| l.trim() == format!("step {line}")), "`{line}` is not a step of .ci/run");

@@ -13,8 +13,12 @@ fn room() -> Scene {
 }
 
 fn look(scene: &Scene, edge_length: f32) -> Vec<Finding> {
-    let input =
-        SceneInput { manifest: prelight_manifests::SceneManifest::for_gltf("none.glb"), file: "none.glb".into(), folder: "".into() };
+    let input = SceneInput {
+        manifest: prelight_manifests::SceneManifest::for_gltf("none.glb"),
+        file: "none.glb".into(),
+        folder: "".into(),
+        text: String::new(),
+    };
     let params = vec![PointParams::new(&Quality::Medium.knobs(), edge_length); scene.objects.len()];
     findings(&input, scene, &World::build(scene), &params, &Silent).unwrap()
 }
@@ -104,8 +108,12 @@ fn what_blocks_no_light_is_named() {
 
 #[test]
 fn looking_stops_when_asked() {
-    let input =
-        SceneInput { manifest: prelight_manifests::SceneManifest::for_gltf("none.glb"), file: "none.glb".into(), folder: "".into() };
+    let input = SceneInput {
+        manifest: prelight_manifests::SceneManifest::for_gltf("none.glb"),
+        file: "none.glb".into(),
+        folder: "".into(),
+        text: String::new(),
+    };
     let scene = room();
     let params = vec![PointParams::new(&Quality::Medium.knobs(), 0.1); 2];
     let stopped = findings(&input, &scene, &World::build(&scene), &params, &StopAfter::steps(0));

@@ -132,10 +132,21 @@ impl<'a> Counter<'a> {
         (0..self.welded.len()).into_par_iter().map(|object| self.count(object, params, u64::MAX).points).collect()
     }
 
+    /// The geometry that is counted.
+    pub(crate) fn world(&self) -> &World {
+        self.world
+    }
+
     /// Points and triangles of all objects.
     pub(crate) fn total(&self, params: &PointParams, enough: u64) -> PointCount {
+        self.total_where(params, enough, |_| true)
+    }
+
+    /// [`Counter::total`] of some objects.
+    pub(crate) fn total_where(&self, params: &PointParams, enough: u64, keep: impl Fn(usize) -> bool + Sync) -> PointCount {
         let add = |a: PointCount, b: PointCount| PointCount { points: a.points + b.points, triangles: a.triangles + b.triangles };
-        (0..self.welded.len()).into_par_iter().map(|object| self.count(object, params, enough)).reduce(PointCount::default, add)
+        let objects = (0..self.welded.len()).into_par_iter().filter(|object| keep(*object));
+        objects.map(|object| self.count(object, params, enough)).reduce(PointCount::default, add)
     }
 
     /// Longest edge of all base meshes, metres.
@@ -224,7 +235,7 @@ mod tests {
         add(&mut scene, "sheet", vec![quad([0.0; 3], [3.1, 0.0, 0.0], [0.0, 0.2, 2.2], 1)], IDENTITY);
         let ask = |scene: &Scene, store: Option<&Store>| {
             let (world, counts) = (World::build(scene), Counts::new(scene, store).unwrap());
-            let found = density_of(&Counter::new(scene, &world, &counts), &params(1.0), None, 3000).unwrap();
+            let found = density_of(&Counter::new(scene, &world, &counts), &params(1.0), None, 3000, false).unwrap();
             let new = counts.objects.iter().filter(|rows| rows.lock().unwrap().has_new).count();
             store.inspect(|store| counts.save(store).unwrap());
             (found, new)

@@ -16,9 +16,16 @@ use prelight_scene::world::World;
 pub struct Density {
     /// Metres, three digits.
     pub edge_length: f32,
-    /// `[objects]` points at it, counted; both sides.
+    /// `[objects]` points at it, counted; both sides. Of the object in `apart`, at its own.
     pub points: Vec<u64>,
+    /// An object that is far larger than all others together, and its own edge length: it would take nearly all points otherwise.
+    pub apart: Option<(usize, f32)>,
 }
+
+/// An object takes at least this share of all points to have a density of its own, in tenths.
+const APART_TENTHS: u64 = 9;
+/// Times that it is larger than the box around all others.
+const APART_SIZE: f64 = 16.0;
 
 impl Density {
     /// Points of the scene.
@@ -33,14 +40,20 @@ impl Density {
 /// `preset` alone where the bake may be coarser than the mesh.
 /// The result does not depend on threads.
 pub fn density(scene: &Scene, world: &World, params: &PointParams, asked: Option<u64>, preset: u64) -> Result<Density, PlanError> {
-    density_of(&Counter::new(scene, world, &Counts::default()), params, asked, preset)
+    density_of(&Counter::new(scene, world, &Counts::default()), params, asked, preset, false)
 }
 
-/// [`density`] by what is known already.
+/// [`density`] by what is known already. `apart`: an object that is far larger than all others may have a density of its own.
 ///
 /// # Errors
 /// As [`density`].
-pub(crate) fn density_of(objects: &Counter, params: &PointParams, asked: Option<u64>, preset: u64) -> Result<Density, PlanError> {
+pub(crate) fn density_of(
+    objects: &Counter,
+    params: &PointParams,
+    asked: Option<u64>,
+    preset: u64,
+    apart: bool,
+) -> Result<Density, PlanError> {
     let budget = asked.unwrap_or_else(|| {
         if params.coarser {
             return preset;
@@ -50,7 +63,38 @@ pub(crate) fn density_of(objects: &Counter, params: &PointParams, asked: Option<
     });
     let count = |params: &PointParams, enough: u64| objects.total(params, enough);
     let edge_length = edge_length_by_counts(objects.longest_edge(), params, budget, &count)?;
-    Ok(Density { edge_length, points: objects.each(&params.with_edge_length(edge_length)) })
+    let points = objects.each(&params.with_edge_length(edge_length));
+    let Some(huge) = huge(objects.world(), &points).filter(|_| apart) else { return Ok(Density { edge_length, points, apart: None }) };
+    // A quarter of the points is for the huge one, the rest for what stands in front of it.
+    let others = |params: &PointParams, enough: u64| objects.total_where(params, enough, |object| object != huge);
+    let edge_length = edge_length_by_counts(objects.longest_edge(), params, budget - budget / 4, &others)?;
+    let alone = |params: &PointParams, enough: u64| objects.total_where(params, enough, |object| object == huge);
+    let own = edge_length_by_counts(objects.longest_edge(), params, budget / 4, &alone)?.max(edge_length);
+    let mut points = objects.each(&params.with_edge_length(edge_length));
+    points[huge] = objects.count(huge, &params.with_edge_length(own), u64::MAX).points;
+    Ok(Density { edge_length, points, apart: Some((huge, own)) })
+}
+
+/// The object that takes nearly all of the points only because it is so large: a sky dome, a backdrop, a plane to the horizon.
+fn huge(world: &World, points: &[u64]) -> Option<usize> {
+    let total: u64 = points.iter().sum();
+    let (huge, most) = points.iter().copied().enumerate().max_by_key(|(_, points)| *points)?;
+    if most.saturating_mul(10) < total.saturating_mul(APART_TENTHS) || most == total {
+        return None;
+    }
+    let diagonal = |keep: &dyn Fn(usize) -> bool| {
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for object in (0..points.len()).filter(|object| keep(*object)) {
+            let triangles = world.object_start[object] as usize..world.object_start[object + 1] as usize;
+            for corner in world.positions[triangles].iter().flatten().filter(|corner| corner.iter().all(|x| x.is_finite())) {
+                for k in 0..3 {
+                    (low[k], high[k]) = (low[k].min(f64::from(corner[k])), high[k].max(f64::from(corner[k])));
+                }
+            }
+        }
+        (0..3).map(|k| (high[k] - low[k]).max(0.0)).map(|side| side * side).sum::<f64>().sqrt()
+    };
+    (diagonal(&|object| object == huge) >= APART_SIZE * diagonal(&|object| object != huge)).then_some(huge)
 }
 
 #[cfg(test)]
@@ -83,6 +127,26 @@ mod tests {
             materials: vec![Material::default()],
             ..Scene::default()
         }
+    }
+
+    #[test]
+    fn a_huge_object_does_not_take_the_points_of_what_stands_in_it() {
+        let mut scene = floor_and_sheet(2);
+        // The floor becomes a plane of 1 km, the sheet stays 1 m.
+        (0..3).for_each(|k| scene.objects[0].world_from_local[5 * k] = 100.0);
+        let world = World::build(&scene);
+        let params = PointParams::new(&Quality::Medium.knobs(), 1.0);
+        let spread = |scene: &Scene, world: &World| {
+            density_of(&Counter::new(scene, world, &Counts::default()), &params, Some(8000), 0, true).unwrap()
+        };
+        let found = spread(&scene, &world);
+        let Some((0, own)) = found.apart else { panic!("{found:?}") };
+        assert!(own > 5.0 && found.edge_length < 0.05, "{found:?}");
+        assert!(found.points[1] > 3000 && found.points[0] > 500 && found.total_points() <= 8000, "{found:?}");
+        // A room and a table.
+        let mut ordinary = floor_and_sheet(2);
+        (0..3).for_each(|k| ordinary.objects[0].world_from_local[5 * k] = 0.5);
+        assert_eq!(spread(&ordinary, &World::build(&ordinary)).apart, None);
     }
 
     #[test]

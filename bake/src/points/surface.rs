@@ -183,7 +183,8 @@ impl Footprints {
         let uvs = [0, 1].map(|set| corners.map(|v| vertices.uv[set].get(v).copied().unwrap_or_default()));
         let tangents = match material.normal_texture {
             Some(reference) if vertices.tangent.is_empty() => {
-                [tangent_from_uv(positions, uvs[usize::from(reference.uv_set == 1)]).unwrap_or_default(); 3]
+                let uvs = uvs[usize::from(reference.uv_set == 1)].map(|uv| reference.place(uv));
+                [tangent_from_uv(positions, uvs).unwrap_or_default(); 3]
             }
             Some(_) => corners.map(|v| vertices.tangent[v]),
             None => [[0.0; 4]; 3],
@@ -239,7 +240,7 @@ mod tests {
     }
 
     fn reference(texture: u32) -> Option<TextureRef> {
-        Some(TextureRef { texture, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: true })
+        Some(TextureRef { texture, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: true, transform: None })
     }
 
     /// A unit square facing +z with uv = (x, 1 − y), u along +x and v down.

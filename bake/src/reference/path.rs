@@ -76,7 +76,8 @@ impl Tracer<'_> {
         let view = direction.map(|c| -c);
         for _ in 0..MOST_LAYERS {
             let Some((hit, blocks)) = self.nearest(eye, direction, &passed, &mut walk) else {
-                let sky = self.environment.radiance(direction);
+                // As pictures from a bake show it; the samples of a pixel average it further.
+                let sky = self.environment.filtered(direction, 0.0);
                 return Seen {
                     radiance: add(radiance, multiply([1.0; 3], sky, f64::from(share))),
                     is_hit: distance.is_finite(),

@@ -132,6 +132,7 @@ impl<'a> Surfaces<'a> {
         let mapped = material.normal_texture.or(material.clearcoat_normal_texture).or(material.anisotropy_texture);
         let set = mapped.map_or(0, |reference| usize::from(reference.uv_set == 1));
         let uvs = local.uvs[set].as_ref().map_or([[0.0; 2]; 3], |uv| corners.map(|v| uv[v]));
+        let uvs = uvs.map(|uv| mapped.map_or(uv, |reference| reference.place(uv)));
         tangent_from_uv(self.world.positions[triangle as usize], uvs).unwrap_or([0.0; 4])
     }
 }

@@ -66,7 +66,7 @@ pub(crate) fn cut_out(world: &mut World, step: usize) -> Vec<Texture<'static>> {
     let mut random = Random(7);
     let mut mask = AlphaMask {
         texture: 1,
-        reference: TextureRef { texture: 1, uv_set: 0, wrap: [Wrap::Repeat, Wrap::Mirror], nearest: false },
+        reference: TextureRef { texture: 1, uv_set: 0, wrap: [Wrap::Repeat, Wrap::Mirror], nearest: false, transform: None },
         factor: 0.9,
         cutoff: 0.4,
         uv: Vec::new(),

@@ -76,7 +76,7 @@ fn an_obj_file_is_the_same_scene() {
     let truth = truth(
         |glb| {
             let texture = glb.image("checker", &image);
-            let wrapped = TextureRef { texture, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false };
+            let wrapped = TextureRef { texture, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false, transform: None };
             Material { base_color_texture: Some(wrapped), ..matt([1.0; 3]) }
         },
         matt([0.8, 0.1, 0.1]),
@@ -153,7 +153,7 @@ fn parts_of_several_files_are_the_same_scene() {
 fn tiled(image: &[u8], repeats: f32, wrap: Wrap, nearest: bool) -> Vec<u8> {
     let mut glb = GlbBuilder::new();
     let texture = glb.image("image", image);
-    let wrapped = TextureRef { texture, uv_set: 0, wrap: [wrap; 2], nearest };
+    let wrapped = TextureRef { texture, uv_set: 0, wrap: [wrap; 2], nearest, transform: None };
     let tiles = glb.material(&Material { base_color_texture: Some(wrapped), metallic: 0.0, roughness: 0.9, ..Material::default() });
     let mut floor = floor(tiles);
     floor.uvs[0].iter_mut().flatten().flatten().for_each(|x| *x *= repeats);

@@ -77,7 +77,7 @@ pub fn encode(image: DynamicImage, format: ImageFormat) -> Vec<u8> {
 
 /// Bilinear, clamped, first set.
 pub fn reference(texture: u32) -> Option<TextureRef> {
-    Some(TextureRef { texture, uv_set: 0, wrap: [Wrap::Clamp; 2], nearest: false })
+    Some(TextureRef { texture, uv_set: 0, wrap: [Wrap::Clamp; 2], nearest: false, transform: None })
 }
 
 /// Places of the balls.

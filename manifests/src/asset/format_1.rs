@@ -58,7 +58,8 @@ impl Content {
     /// # Panics
     /// When a patch has other factors than visibility and, after it, transfer.
     pub fn of(content: &AssetContent) -> Self {
-        let AssetContent { algorithm_version, face_resolution, objects, materials, textures, brdfs, cameras, names, bounds } =
+        // Every origin was zero.
+        let AssetContent { algorithm_version, face_resolution, objects, materials, textures, brdfs, cameras, names, bounds, origin: _ } =
             content.clone();
         let objects = objects.into_iter().map(Object::of).collect();
         Content { algorithm_version, face_resolution, objects, materials, textures, brdfs, cameras, names, bounds }
@@ -92,7 +93,8 @@ impl From<Content> for AssetContent {
     fn from(content: Content) -> Self {
         let Content { algorithm_version, face_resolution, objects, materials, textures, brdfs, cameras, names, bounds } = content;
         let objects = objects.into_iter().map(AssetObject::from).collect();
-        AssetContent { algorithm_version, face_resolution, objects, materials, textures, brdfs, cameras, names, bounds }
+        let origin = [0.0; 3];
+        AssetContent { algorithm_version, face_resolution, objects, materials, textures, brdfs, cameras, names, bounds, origin }
     }
 }
 

@@ -44,6 +44,7 @@ fn manifest() -> AssetManifest {
             cameras: descriptor(ChunkKind::Cameras, 3),
             names: descriptor(ChunkKind::Names, 4),
             bounds: [[-1.5, 0.0, 0.1], [2.0, 3.4028235e38, 1e-40]],
+            origin: [0.0; 3],
         },
         report: BTreeMap::from([("seconds".into(), json!({ "total": 1.25 }))]),
     }

@@ -185,6 +185,9 @@ fn check_environments(manifest: &SceneManifest, checker: &Checker) -> Result<(),
         let field = |key: &str| format!("environment[{i}].{key}");
         checker.not_empty(&field("name"), &entry.name)?;
         checker.not_empty(&field("image"), &entry.image)?;
+        if let Some(layer) = &entry.layer {
+            checker.not_empty(&field("layer"), layer)?;
+        }
         if manifest.environment[..i].iter().any(|before| before.name == entry.name) {
             return Err(checker.range(&field("name"), format_args!("\"{}\"", entry.name), "a name that no environment before it has"));
         }

@@ -26,7 +26,7 @@ pub mod sections;
 pub mod template;
 
 pub use sections::{
-    AlphaModeName, BakeSection, BouncesSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, ScenePart, SceneSource,
+    AlphaModeName, BakeSection, BouncesSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, Projection, ScenePart, SceneSource,
     VmfTransferSection,
 };
 

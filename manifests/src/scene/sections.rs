@@ -59,8 +59,14 @@ impl ScenePart {
 pub struct EnvironmentEntry {
     /// What `render -e` calls it; unique.
     pub name: String,
-    /// Lat-long image, .hdr or .exr, relative to this file.
+    /// Image of all directions, .hdr or .exr, relative to this file.
     pub image: String,
+    /// How the sphere lies in the image. Without it: as the file says, else by its shape.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub projection: Option<Projection>,
+    /// Layer of an OpenEXR file; without it the nameless one, `Combined`, `beauty` or `rgba` before others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layer: Option<String>,
     /// Turns it about the vertical, degrees, right-handed: at 90 what was at +X stands at -Z.
     #[serde(default)]
     pub rotate_y_deg: f64,
@@ -68,6 +74,35 @@ pub struct EnvironmentEntry {
     #[serde(default = "one")]
     #[schemars(range(min = 0.0))]
     pub intensity: f64,
+}
+
+/// How the sphere of directions lies in an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Projection {
+    /// Latitude and longitude, 2:1.
+    LatLong,
+    /// An angular map, or light probe: a disc in a square.
+    Angular,
+    /// The six sides of a cube unfolded to a cross, 3:4 or 4:3.
+    CubeCross,
+    /// The six sides of a cube in a column or a row, +X -X +Y -Y +Z -Z.
+    CubeFaces,
+}
+
+impl Projection {
+    /// All of them.
+    pub const ALL: [Projection; 4] = [Projection::LatLong, Projection::Angular, Projection::CubeCross, Projection::CubeFaces];
+
+    /// The name in scene.toml and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Projection::LatLong => "lat_long",
+            Projection::Angular => "angular",
+            Projection::CubeCross => "cube_cross",
+            Projection::CubeFaces => "cube_faces",
+        }
+    }
 }
 
 fn one() -> f64 {
@@ -81,9 +116,9 @@ pub struct BakeSection {
     /// Preset of all knobs.
     #[serde(default)]
     pub quality: Quality,
-    /// Edge length of the refined mesh aimed at, metres. `prelight plan --points N` prints one for a budget of points.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("exclusiveMinimum" = 0))]
+    /// Edge length of the refined mesh aimed at, metres, or with a unit as `"3cm"`. `prelight plan --points N` prints one for a budget of points.
+    #[serde(default, deserialize_with = "crate::length::deserialize", skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("exclusiveMinimum" = 0, "type" = ["number", "string", "null"]))]
     pub edge_length: Option<f64>,
     /// Relative L2 of diffuse radiance aimed at between points, per object, 0.0001 to 1. Written here, it chooses each object's edge
     /// length and, where they are not written out, the face resolution and which objects get shades of gray.
@@ -226,12 +261,12 @@ pub struct MaterialRule {
     /// What alpha does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub alpha_mode: Option<AlphaModeName>,
-    /// Alpha at and above which a `mask` surface exists, 0..1.
+    /// Alpha at and above which a `mask` surface exists, and a `blend` surface blocks light (0.5 unless given), 0..1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 1.0))]
     pub alpha_cutoff: Option<f64>,
     /// Whether it blocks light: `false` lets all light through, on any material; `true` makes a `blend` surface solid. Without it, a `blend`
-    /// surface blocks where its alpha is at least 0.5.
+    /// surface blocks where its alpha is at least `alpha_cutoff`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub occludes: Option<bool>,
     /// Seen and shaded from both sides.
@@ -319,9 +354,9 @@ pub struct ObjectRule {
     /// How its transport is represented.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub technique: Option<Technique>,
-    /// Edge length of its refined mesh aimed at, metres.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("exclusiveMinimum" = 0))]
+    /// Edge length of its refined mesh aimed at, metres, or with a unit as `"3cm"`.
+    #[serde(default, deserialize_with = "crate::length::deserialize", skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("exclusiveMinimum" = 0, "type" = ["number", "string", "null"]))]
     pub edge_length: Option<f64>,
     /// Error aimed at between its points, as the key of `[bake]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -51,7 +51,8 @@ gltf = {gltf}
 # Lights by name: `prelight render scene.prelight.json -e noon`. The bake does not depend on them.
 # [[environment]]
 # name = "noon"
-# image = "env/noon_1k.hdr"  # lat-long, .hdr or .exr
+# image = "env/noon_1k.hdr"  # .hdr or .exr
+# projection = "lat_long"    # or angular, cube_cross, cube_faces; without it, as the file says
 # rotate_y_deg = 0.0         # right-handed about the vertical
 # intensity = 1.0
 

@@ -14,6 +14,19 @@ fn refused(text: &str) -> String {
 }
 
 #[test]
+fn an_edge_length_may_have_a_unit_and_what_is_none_shows_the_form() {
+    let read = |value: &str| {
+        SceneManifest::parse("scene.toml", &format!("format = 1\n[scene]\ngltf = \"a.glb\"\n[bake]\nedge_length = {value}\n"))
+    };
+    assert_eq!(read("\"3cm\"").unwrap().bake.edge_length, Some(0.03));
+    assert_eq!(read("2").unwrap().bake.edge_length, Some(2.0));
+    for bad in ["\"3 parsec\"", "[1]", "true"] {
+        let error = read(bad).unwrap_err().to_string();
+        assert!(error.contains("3cm") && error.contains("scene.toml:5:15"), "{error}");
+    }
+}
+
+#[test]
 fn every_key_of_the_design_is_read() {
     let text = r#"
         format = 1
@@ -100,6 +113,7 @@ fn unknown_keys_name_the_nearest_known_one_and_their_place() {
 fn values_out_of_range_name_field_place_and_what_may_stand_there() {
     let cases = [
         ("[bake]\nedge_length = 0", "bake.edge_length = 0"),
+        ("[bake]\nedge_length = \"-3cm\"", "bake.edge_length = -0.03"),
         ("[bake]\nedge_length = -1.5", "bake.edge_length = -1.5"),
         ("[bake]\nedge_length = nan", "bake.edge_length = NaN"),
         ("[bake]\nedge_length = inf", "bake.edge_length = inf"),

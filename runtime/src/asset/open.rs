@@ -181,6 +181,12 @@ impl Asset {
         &self.materials
     }
 
+    /// Where the zero of all positions (meshes, points, cameras) lies in the scene file's own space, metres: a position of the file is this
+    /// plus the asset's. Zero but for scenes far from the file's zero.
+    pub fn origin(&self) -> [f64; 3] {
+        self.manifest.content.origin
+    }
+
     /// Cameras of the scene.
     pub fn cameras(&self) -> &[SceneCamera] {
         &self.cameras

@@ -11,19 +11,19 @@ pub enum Background<'a> {
     Black,
     /// One radiance everywhere.
     Uniform([f32; 3]),
-    /// An environment, as sharp as it is.
+    /// An environment, filtered over a quarter of a pixel ([`Environment::filtered`]).
     Environment(&'a Environment),
     /// Radiance from a unit world direction.
     Function(&'a (dyn Fn([f32; 3]) -> [f32; 3] + Sync)),
 }
 
 impl Background<'_> {
-    /// Radiance from a unit world direction.
-    pub(crate) fn radiance(&self, direction: [f32; 3]) -> [f32; 3] {
+    /// Radiance from a unit world direction, through a part of a pixel that is `spread` radians wide.
+    pub(crate) fn radiance(&self, direction: [f32; 3], spread: f32) -> [f32; 3] {
         match self {
             Background::Black => [0.0; 3],
             Background::Uniform(radiance) => *radiance,
-            Background::Environment(environment) => environment.radiance(direction),
+            Background::Environment(environment) => environment.filtered(direction, spread),
             Background::Function(radiance) => radiance(direction),
         }
     }

@@ -322,13 +322,16 @@ impl<'a> Shader<'a> {
         let mut gathered =
             Gathered { id, edges, corners, mesh, object, points: corners.map(usable), material, texels: [0.0; 2], tangent_from_uv: None };
         if let Some(material) = material.filter(|_| !self.scene.clay) {
-            for texture in material.textures().filter_map(|r| self.scene.textures.get(r.texture as usize)) {
-                gathered.texels = [gathered.texels[0].max(texture.width as f32), gathered.texels[1].max(texture.height as f32)];
+            for reference in material.textures() {
+                let Some(texture) = self.scene.textures.get(reference.texture as usize) else { continue };
+                let texels = reference.texels(texture.width, texture.height);
+                gathered.texels = [0, 1].map(|k| gathered.texels[k].max(texels[k]));
             }
             let mapped = material.normal_texture.or(material.clearcoat_normal_texture).or(material.anisotropy_texture);
             if mesh.tangent.is_empty() && (mapped.is_some() || material.is_anisotropic()) {
                 let set = mapped.map_or(0, |reference| reference.uv_set);
                 let uvs = corners.map(|v| coordinates(mesh, set, v));
+                let uvs = uvs.map(|uv| mapped.map_or(uv, |reference| reference.place(uv)));
                 gathered.tangent_from_uv = tangent_from_uv(corners.map(|v| mesh.position[v]), uvs);
             }
         }

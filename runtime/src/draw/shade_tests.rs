@@ -147,7 +147,7 @@ fn mask_cuts_where_alpha_is_below_the_cutoff() {
     // Left texel opaque, right clear, nearest.
     let texture =
         Texture { width: 2, height: 1, encoding: TextureEncoding::Srgb, texels: Cow::Owned(vec![255, 255, 255, 255, 255, 255, 255, 100]) };
-    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Clamp; 2], nearest: true };
+    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Clamp; 2], nearest: true, transform: None };
     let cut = Material { base_color_texture: Some(reference), ..material(false, AlphaMode::Mask { cutoff: 0.5 }) };
     let irradiance = vec![toward_z(1.0); 4];
     let drawn = DrawObject { mesh: Mesh { uv0: &uv, ..soup.mesh() }, ..object(&soup, &irradiance) };
@@ -209,7 +209,7 @@ fn normal_maps_bend_the_diffuse_part() {
     // Tilted toward +u, that is +x.
     let texels = vec![218, 128, 218, 255];
     let texture = Texture { width: 1, height: 1, encoding: TextureEncoding::Linear, texels: Cow::Owned(texels) };
-    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false };
+    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false, transform: None };
     let bumpy = Material { normal_texture: Some(reference), roughness: 1.0, ..material(false, AlphaMode::Opaque) };
     let irradiance = vec![[[1.0, 0.0, 0.0]; 3]; 4];
     let tangents = [[1.0, 0.0, 0.0, 1.0]; 4];
@@ -259,7 +259,7 @@ fn minified_textures_are_averaged_over_the_pixel() {
         encoding: TextureEncoding::Linear,
         texels: Cow::Owned([[255u8; 4], [0, 0, 0, 255], [0, 0, 0, 255], [255; 4]].concat()),
     };
-    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: true };
+    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: true, transform: None };
     let glowing =
         Material { emissive: [1.0; 3], emissive_texture: Some(reference), base_color: [0.0; 4], ..material(false, AlphaMode::Opaque) };
     let irradiance = vec![toward_z(0.0); 4];

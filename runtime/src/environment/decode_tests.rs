@@ -144,7 +144,9 @@ fn headers_are_read_leniently_and_say_what_they_pass_over() {
     assert_eq!((image.pixels, report.warnings().len()), (vec![[1.0; 3]], 0));
     let (image, report) =
         with("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.5\nCOLORCORR= 1 0.5 1\nPRIMARIES= .7 .3 .2 .7 .15 .06 .33 .33\n\n-Y 1 +X 1\n");
-    assert_eq!((image.pixels, report.warnings().len()), (vec![[1.0; 3]], 3));
+    // The primaries are applied: white stays white.
+    assert!(image.pixels[0].iter().all(|value| (value - 1.0).abs() < 1e-5), "{:?}", image.pixels);
+    assert_eq!(report.warnings().len(), 2);
     assert!(report.warnings()[0].contains("EXPOSURE=2.5"));
     // XYZE: X = Y = Z is grey.
     let (image, _) = with("#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n");
@@ -225,11 +227,14 @@ fn exr_sample_types_channels_and_compressions_give_one_image() {
 }
 
 #[test]
-fn exr_luminance_is_grey_and_chroma_is_refused() {
+fn exr_luminance_is_grey_and_chroma_has_colour() {
     let plain = encoding(Compression::ZIP16, Blocks::ScanLines);
     let image = decode(&exr_file(&[("Y", 1)], "half", (5, 4), plain));
     assert_eq!(image.pixels[7], [1.5; 3]);
-    assert!(refuse(&exr_file(&[("Y", 1), ("RY", 0), ("BY", 2)], "half", (5, 4), plain)).contains("no layer has channels"));
+    // Y = 1.5, (R − Y)/Y = 2, (B − Y)/Y = 0.25, and green is what is left of Y.
+    let pixel = decode(&exr_file(&[("Y", 1), ("RY", 0), ("BY", 2)], "half", (5, 4), plain)).pixels[7];
+    assert!(pixel.iter().zip([4.5, 0.5703, 1.875]).all(|(a, b)| (a - b).abs() < 1e-3), "{pixel:?}");
+    assert!(refuse(&exr_file(&[("Y", 1), ("RY", 0)], "half", (5, 4), plain)).contains("no layer has channels"));
     assert!(refuse(&exr_file(&[("Z", 1), ("N.x", 0)], "half", (5, 4), plain)).contains("N.x, Z"));
 }
 

@@ -1,22 +1,34 @@
 //! OpenEXR: picks layer and channels, checks every claimed size, and lets the crate `exr` decompress block by block.
 //!
+//! - [`layer`]: which of a file's layers is the picture.
+//! - [`chroma`]: luminance and chroma, sampled at every second pixel.
+//!
 //! The environment is the *display* window; pixels of it outside the data window are black, data outside it is dropped. Alpha is
 //! not read: colours of OpenEXR are premultiplied, so an environment over black is its RGB. Of several resolution levels
 //! the full one is read.
 
+mod chroma;
+mod layer;
+#[cfg(test)]
+mod tests;
+
 use std::collections::BTreeSet;
-use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ::exr::block::chunk::{Chunk, CompressedBlock};
 use ::exr::block::{UncompressedBlock, reader::Reader};
 use ::exr::compression::Compression;
-use ::exr::meta::attribute::{ChannelList, SampleType};
+use ::exr::meta::attribute::{ChannelList, EnvironmentMap, SampleType};
 use ::exr::meta::header::Header;
 use ::exr::meta::{BlockDescription, MetaData};
-use ::exr::prelude::f16;
+use ::exr::prelude::{Vec2, f16};
 
-use super::decode::{Decoded, Source};
+use prelight_manifests::scene::Projection;
+
+use self::chroma::{Chroma, Samplings, Unsampled};
+use self::layer::{Channels, Layer};
+use super::decode::{Decoded, MapOptions, Source};
+use super::primaries::{Primaries, convert};
 use crate::error::RuntimeError;
 
 const HELP: &str = "save it again as a plain RGB OpenEXR (half or float, ZIP or PIZ)";
@@ -30,16 +42,13 @@ const DISPLAY_RATIO: u128 = 2048;
 const BATCH_BYTES: u128 = 64 << 20;
 const BATCH: u128 = 32;
 
-/// Channel indices of red, green and blue in a header's list; three times the same for luminance.
-type Rgb = [usize; 3];
-
-pub(super) fn decode(source: Source<'_>) -> Result<Decoded, RuntimeError> {
+pub(super) fn decode(source: Source<'_>, options: &MapOptions) -> Result<Decoded, RuntimeError> {
     // Bit 11 of the version field: the file has deep data, which the crate refuses in less helpful words.
     if source.bytes.len() >= 8 && source.bytes[5] & 0x08 != 0 {
         return Err(deep(source));
     }
     // The crate checks most of what it reads, but its decompressors index by what the file says. A panic there is a damaged file.
-    catch_unwind(AssertUnwindSafe(|| decode_checked(source)))
+    catch_unwind(AssertUnwindSafe(|| decode_checked(source, options)))
         .unwrap_or_else(|_| Err(source.error("its compressed data is damaged", "copy or export the file again")))
 }
 
@@ -54,16 +63,17 @@ fn translate(source: Source<'_>, error: ::exr::error::Error) -> RuntimeError {
         Error::Io(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => source.truncated("its header or a block is incomplete"),
         Error::NotSupported(what) if what.contains("deep") => deep(source),
         Error::NotSupported(what) if what.contains("subsampling") => {
-            source.error("it stores luminance and chroma at different resolutions", HELP)
+            source.error("its channels are sampled at different pixels in tiles", HELP)
         }
         Error::NotSupported(what) => source.error(format!("it uses what is not supported: {what}"), HELP),
         error => source.error(format!("it is damaged: {error}"), "copy or export the file again"),
     }
 }
 
-fn decode_checked(source: Source<'_>) -> Result<Decoded, RuntimeError> {
-    let reader = Reader::read_from_buffered(Cursor::new(source.bytes), false).map_err(|error| translate(source, error))?;
-    let meta = MetaData { requirements: reader.meta_data().requirements, headers: reader.headers().into() };
+fn decode_checked(source: Source<'_>, options: &MapOptions) -> Result<Decoded, RuntimeError> {
+    let (unsampled, samplings) = Unsampled::new(source.bytes);
+    let reader = Reader::read_from_buffered(unsampled, false).map_err(|error| translate(source, error))?;
+    let mut meta = MetaData { requirements: reader.meta_data().requirements, headers: reader.headers().into() };
     for header in &meta.headers {
         check_blocks(source, header)?;
     }
@@ -72,46 +82,20 @@ fn decode_checked(source: Source<'_>) -> Result<Decoded, RuntimeError> {
     if n_chunks * 16 > source.bytes.len() as u128 {
         return Err(source.truncated(&format!("{} bytes cannot hold {n_chunks} blocks", source.bytes.len())));
     }
-    let found = meta.headers.iter().enumerate().find_map(|(layer, header)| Some((layer, pick_channels(&header.channels)?)));
-    let Some((layer, rgb)) = found else {
-        let names: Vec<String> =
-            meta.headers.iter().flat_map(|header| &header.channels.list).map(|channel| channel.name.to_string()).collect();
-        let names = names.join(", ").chars().take(120).collect::<String>();
-        return Err(source.error(format!("no layer has channels R, G, B or Y alone (it has {names})"), HELP));
-    };
-    let header = &meta.headers[layer];
-    let display = header.shared_attributes.display_window;
-    let (width, height) = (display.size.width(), display.size.height());
-    if width == 0 || height == 0 {
-        return Err(source.error("its display window is empty", HELP));
-    }
-    let (bytes, block) = (width as u128 * height as u128 * 12, block_bytes(header).max(1));
-    let batch_size = (BATCH_BYTES / block).clamp(1, BATCH).min(header.chunk_count as u128) as usize;
-    let needed = bytes + block * batch_size as u128;
-    source.check_memory(&format!("an image of {width} x {height}"), u64::try_from(needed).unwrap_or(u64::MAX))?;
-    if bytes > SMALL_DISPLAY.max(source.bytes.len() as u128 * DISPLAY_RATIO) {
-        let what = format!("its display window of {width} x {height} pixels is far larger than its {} bytes", source.bytes.len());
-        return Err(source.error(what, "crop the display window to the image"));
-    }
-
-    let mut pixels = source.reserve_pixels(width * height)?;
-    pixels.resize(width * height, [0.0; 3]);
-    let window = Window {
-        width,
-        height,
-        left: i64::from(header.own_attributes.layer_position.x()) - i64::from(display.position.x()),
-        top: i64::from(header.own_attributes.layer_position.y()) - i64::from(display.position.y()),
-    };
+    put_back(source, &mut meta, &samplings)?;
+    let (layer, note) = layer::choose(source, &meta.headers, options.layer.as_deref())?;
+    let header = &meta.headers[layer.header];
+    let mut picture = Picture::new(source, header, &layer)?;
     let mut chunks = reader.all_chunks(false).map_err(|error| translate(source, error))?;
     let mut seen = BTreeSet::new();
     let mut covered = 0u128;
     loop {
-        let mut batch = Vec::with_capacity(batch_size);
+        let mut batch = Vec::with_capacity(picture.batch_size);
         for chunk in chunks.by_ref() {
             let chunk = chunk.map_err(|error| translate(source, error))?;
-            if chunk.layer_index == layer && is_full_resolution(&chunk) {
+            if chunk.layer_index == layer.header && is_full_resolution(&chunk) {
                 batch.push(chunk);
-                if batch.len() == batch_size {
+                if batch.len() == picture.batch_size {
                     break;
                 }
             }
@@ -125,17 +109,42 @@ fn decode_checked(source: Source<'_>) -> Result<Decoded, RuntimeError> {
             if seen.insert((position.y(), position.x())) {
                 covered += size.area() as u128;
             }
-            window.copy(&block, &header.channels, rgb, &mut pixels);
+            picture.copy(&block);
         }
     }
     if covered != header.layer_size.area() as u128 {
         return Err(source.truncated("blocks of the image are missing"));
     }
-    let mut notes = Vec::new();
-    if header.shared_attributes.chromaticities.is_some_and(|c| (c.red.x() - 0.64).abs() > 0.01 || (c.green.x() - 0.30).abs() > 0.01) {
-        notes.push("the primaries that its header gives are not applied: colours are taken as Rec.709".to_owned());
+    let mut notes: Vec<String> = note.into_iter().collect();
+    let pixels = picture.finish(header, &mut notes);
+    let projection = header.own_attributes.environment_map.map(|map| match map {
+        EnvironmentMap::LatitudeLongitude => Projection::LatLong,
+        EnvironmentMap::Cube => Projection::CubeFaces,
+    });
+    let display = header.shared_attributes.display_window.size;
+    Ok(Decoded { width: display.width(), height: display.height(), pixels, notes, projection })
+}
+
+/// Writes the sampling that the file has into the headers.
+fn put_back(source: Source<'_>, meta: &mut MetaData, samplings: &Samplings) -> Result<(), RuntimeError> {
+    for (header, channel, sampling) in samplings {
+        let Some(header) = meta.headers.get_mut(*header) else { continue };
+        let (position, size) = (header.own_attributes.layer_position, header.layer_size);
+        let is_whole = position.x().rem_euclid(sampling.x() as i32) == 0
+            && position.y().rem_euclid(sampling.y() as i32) == 0
+            && size.x() % sampling.x() == 0
+            && size.y() % sampling.y() == 0;
+        if !is_whole || !matches!(header.blocks, BlockDescription::ScanLines) {
+            return Err(source.error("its channels are sampled at pixels that its window does not hold", HELP));
+        }
+        if matches!(header.compression, Compression::B44 | Compression::B44A) {
+            return Err(source.error("it stores luminance and chroma with B44 compression, which is not read", HELP));
+        }
+        if let Some(channel) = header.channels.list.get_mut(*channel) {
+            channel.sampling = *sampling;
+        }
     }
-    Ok(Decoded { width, height, pixels, notes })
+    Ok(())
 }
 
 fn is_full_resolution(chunk: &Chunk) -> bool {
@@ -192,57 +201,165 @@ fn largest_ratio(compression: Compression) -> u128 {
     }
 }
 
-/// R, G and B without a prefix, else Y alone, else the first prefixed R, G, B, else the first prefixed Y. Upper or lower case.
-fn pick_channels(channels: &ChannelList) -> Option<Rgb> {
-    let names: Vec<String> = channels.list.iter().map(|channel| channel.name.to_string().to_ascii_lowercase()).collect();
-    let index = |prefix: &str, name: &str| names.iter().position(|candidate| candidate.strip_prefix(prefix) == Some(name));
-    let rgb = |prefix: &str| Some([index(prefix, "r")?, index(prefix, "g")?, index(prefix, "b")?]);
-    let luminance = |prefix: &str| {
-        // With RY and BY beside it, Y is not alone: the image has colour that would be lost.
-        let chroma = index(prefix, "ry").is_some() || index(prefix, "by").is_some();
-        index(prefix, "y").filter(|_| !chroma).map(|y| [y; 3])
-    };
-    let prefixes = || names.iter().filter_map(|name| name.rfind('.').map(|dot| &name[..=dot]));
-    rgb("").or_else(|| luminance("")).or_else(|| prefixes().find_map(rgb)).or_else(|| prefixes().find_map(luminance))
-}
-
 #[cfg(feature = "parallel")]
 fn decompress(batch: Vec<Chunk>, meta: &MetaData) -> Vec<::exr::error::Result<UncompressedBlock>> {
     use rayon::prelude::*;
-    batch.into_par_iter().map(|chunk| UncompressedBlock::decompress_chunk(chunk, meta, false)).collect()
+    batch.into_par_iter().map(|chunk| decompress_chunk(chunk, meta)).collect()
 }
 
 #[cfg(not(feature = "parallel"))]
 fn decompress(batch: Vec<Chunk>, meta: &MetaData) -> Vec<::exr::error::Result<UncompressedBlock>> {
-    batch.into_iter().map(|chunk| UncompressedBlock::decompress_chunk(chunk, meta, false)).collect()
+    batch.into_iter().map(|chunk| decompress_chunk(chunk, meta)).collect()
 }
 
-/// The display window, and where the data window's corner lies in it.
-struct Window {
+fn decompress_chunk(chunk: Chunk, meta: &MetaData) -> ::exr::error::Result<UncompressedBlock> {
+    let header = &meta.headers[chunk.layer_index];
+    if header.channels.list.iter().all(|channel| channel.sampling == Vec2(1, 1)) {
+        return UncompressedBlock::decompress_chunk(chunk, meta, false);
+    }
+    // The crate takes a block for its area times the bytes of a pixel, which for this block are fewer than the list says.
+    let place = header.get_absolute_block_pixel_coordinates(header.get_block_data_indices(&chunk.compressed_block)?)?;
+    let top = i64::from(place.position.y()) + i64::from(header.own_attributes.layer_position.y());
+    let bytes = chroma::block_bytes(header, top, place.size.x(), place.size.y());
+    if bytes == 0 || bytes % place.size.area() != 0 {
+        return Err(::exr::error::Error::NotSupported("luminance and chroma of these sample types".into()));
+    }
+    let mut meta = meta.clone();
+    meta.headers[chunk.layer_index].channels.bytes_per_pixel = bytes / place.size.area();
+    UncompressedBlock::decompress_chunk(chunk, &meta, false)
+}
+
+/// The image being filled: the display window, and where the data window's corner lies in it.
+struct Picture<'a> {
     width: usize,
     height: usize,
     left: i64,
     top: i64,
+    /// Rows of the data window before its first one, for sampled channels.
+    first_row: i64,
+    channels: &'a ChannelList,
+    picked: Channels,
+    pixels: Vec<[f32; 3]>,
+    chroma: Option<Chroma>,
+    /// Size of the data window.
+    data: [usize; 2],
+    /// Blocks that are decompressed together.
+    batch_size: usize,
 }
 
-impl Window {
-    /// Copies the part of a block that lies in the window.
-    fn copy(&self, block: &UncompressedBlock, channels: &ChannelList, rgb: Rgb, pixels: &mut [[f32; 3]]) {
-        for line in block.lines(channels) {
-            let y = self.top + line.location.position.y() as i64;
-            let Some(y) = usize::try_from(y).ok().filter(|y| *y < self.height) else { continue };
-            let row = &mut pixels[y * self.width..][..self.width];
-            let sample_type = channels.list[line.location.channel].sample_type;
-            let left = self.left + line.location.position.x() as i64;
-            for component in (0..3).filter(|component| rgb[*component] == line.location.channel) {
-                let samples = line.value.chunks_exact(sample_type.bytes_per_sample());
-                for (i, sample) in samples.enumerate().take(line.location.sample_count) {
-                    if let Some(pixel) = usize::try_from(left + i as i64).ok().and_then(|x| row.get_mut(x)) {
-                        pixel[component] = value(sample_type, sample);
+impl<'a> Picture<'a> {
+    /// A black picture, after everything that it will take was checked.
+    fn new(source: Source<'_>, header: &'a Header, layer: &Layer) -> Result<Self, RuntimeError> {
+        let display = header.shared_attributes.display_window;
+        let (width, height) = (display.size.width(), display.size.height());
+        if width == 0 || height == 0 {
+            return Err(source.error("its display window is empty", HELP));
+        }
+        let data = [header.layer_size.width(), header.layer_size.height()];
+        let step = match layer.channels {
+            Channels::Chroma([ry, ..]) => Some(header.channels.list[ry].sampling.x()),
+            Channels::Rgb(_) => None,
+        };
+        let (bytes, block) = (width as u128 * height as u128 * 12, block_bytes(header).max(1));
+        let batch_size = (BATCH_BYTES / block).clamp(1, BATCH).min(header.chunk_count as u128) as usize;
+        let needed = bytes + block * batch_size as u128 + step.map_or(0, |step| Chroma::bytes(data[0], data[1], step));
+        source.check_memory(&format!("an image of {width} x {height}"), u64::try_from(needed).unwrap_or(u64::MAX))?;
+        if bytes > SMALL_DISPLAY.max(source.bytes.len() as u128 * DISPLAY_RATIO) {
+            let what = format!("its display window of {width} x {height} pixels is far larger than its {} bytes", source.bytes.len());
+            return Err(source.error(what, "crop the display window to the image"));
+        }
+        let mut pixels = source.reserve_pixels(width * height)?;
+        pixels.resize(width * height, [0.0; 3]);
+        let position = header.own_attributes.layer_position;
+        Ok(Self {
+            width,
+            height,
+            left: i64::from(position.x()) - i64::from(display.position.x()),
+            top: i64::from(position.y()) - i64::from(display.position.y()),
+            first_row: i64::from(position.y()),
+            channels: &header.channels,
+            picked: layer.channels,
+            pixels,
+            chroma: step.map(|step| Chroma::new(source, data[0], data[1], step)).transpose()?,
+            data,
+            batch_size,
+        })
+    }
+
+    /// Copies what a block has of the layer.
+    fn copy(&mut self, block: &UncompressedBlock) {
+        let (position, size) = (block.index.pixel_position, block.index.pixel_size);
+        let mut rest = &block.data[..];
+        for y in position.y()..position.y() + size.y() {
+            for (index, channel) in self.channels.list.iter().enumerate() {
+                if (self.first_row + y as i64).rem_euclid(channel.sampling.y() as i64) != 0 {
+                    continue;
+                }
+                let sample_type = channel.sample_type;
+                let bytes = size.x() / channel.sampling.x() * sample_type.bytes_per_sample();
+                let Some((line, after)) = rest.split_at_checked(bytes) else { return };
+                rest = after;
+                let picked = self.picked.indices();
+                for component in (0..3).filter(|component| picked[*component] == index) {
+                    let samples = line.chunks_exact(sample_type.bytes_per_sample()).map(|sample| value(sample_type, sample));
+                    self.line(component, [position.x(), y], samples);
+                }
+            }
+        }
+    }
+
+    /// Copies a row of one component, from this pixel of the data window on.
+    fn line(&mut self, component: usize, [x, y]: [usize; 2], samples: impl Iterator<Item = f32>) {
+        if let Some(chroma) = self.chroma.as_mut().filter(|_| component != 1) {
+            let row = chroma.samples.chunks_exact_mut(chroma.width).nth(y / chroma.step).unwrap_or_default();
+            let row = row.get_mut(x / chroma.step..).unwrap_or_default();
+            row.iter_mut().zip(samples).for_each(|(pixel, sample)| pixel[component / 2] = sample);
+            return;
+        }
+        let Some(y) = usize::try_from(self.top + y as i64).ok().filter(|y| *y < self.height) else { return };
+        let row = &mut self.pixels[y * self.width..][..self.width];
+        let left = self.left + x as i64;
+        for (i, sample) in samples.enumerate() {
+            if let Some(pixel) = usize::try_from(left + i as i64).ok().and_then(|x| row.get_mut(x)) {
+                pixel[component] = sample;
+            }
+        }
+    }
+
+    /// The pixels in Rec.709.
+    fn finish(mut self, header: &Header, notes: &mut Vec<String>) -> Vec<[f32; 3]> {
+        let pair = |Vec2(x, y): Vec2<f32>| [f64::from(x), f64::from(y)];
+        let own = header.shared_attributes.chromaticities.map(|own| Primaries {
+            red: pair(own.red),
+            green: pair(own.green),
+            blue: pair(own.blue),
+            white: pair(own.white),
+        });
+        let own = own.filter(|own| !own.is_rec709());
+        let matrix = own.and_then(Primaries::to_rec709);
+        if own.is_some() && matrix.is_none() {
+            notes.push("the primaries that its header gives are none: colours are taken as Rec.709".to_owned());
+        }
+        if let Some(chroma) = self.chroma.take() {
+            let primaries = own.filter(|_| matrix.is_some()).unwrap_or(Primaries::REC709);
+            let shares = primaries.luminance().unwrap_or([0.2126, 0.7152, 0.0722]);
+            for y in 0..self.data[1].min(chroma.height * chroma.step) {
+                for x in 0..self.data[0].min(chroma.width * chroma.step) {
+                    let place = [self.left + x as i64, self.top + y as i64].map(|at| usize::try_from(at).ok());
+                    if let [Some(column), Some(row)] = place
+                        && column < self.width
+                        && row < self.height
+                    {
+                        let pixel = &mut self.pixels[row * self.width + column];
+                        *pixel = chroma.colour(x, y, pixel[1], shares);
                     }
                 }
             }
         }
+        if let Some(matrix) = matrix {
+            convert(&mut self.pixels, &matrix);
+        }
+        self.pixels
     }
 }
 

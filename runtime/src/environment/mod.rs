@@ -1,9 +1,10 @@
 //! Environments: images of distant light, and the light that techniques prepare from them.
 //!
 //! ```text
-//! .hdr, .exr ──decode──> Environment ──splat──> LightCubemap (flux and moment per texel)
-//!                            ├── radiance(direction): the exact environment, constant per source pixel
-//!                            └── EnvironmentSampler: directions by luminance × solid angle
+//! .hdr, .exr ──decode, unwrap──> Environment ──splat──> LightCubemap (flux and moment per texel)
+//!                                    ├── radiance(direction): the exact environment, constant per source pixel
+//!                                    ├── filtered(direction, spread): what a picture shows behind everything
+//!                                    └── EnvironmentSampler: directions by luminance × solid angle
 //! ```
 //!
 //! Conventions: latitude-longitude images with rows from the top, linear Rec.709 radiance. The unit direction (x, y, z) is
@@ -17,9 +18,14 @@ mod decode;
 mod decode_tests;
 mod encode;
 mod exr;
+mod filter;
 mod image;
 mod light_cubemap;
+mod primaries;
 mod procedural;
+mod projection;
+#[cfg(test)]
+mod projection_tests;
 mod radiance;
 mod sampler;
 mod scanline;
@@ -28,9 +34,10 @@ mod splat;
 mod splat_tests;
 
 pub use clean::CleanReport;
-pub use decode::Limits;
+pub use decode::{Limits, MapOptions};
 pub use image::Environment;
 pub use light_cubemap::{EnergyReport, LightCubemap};
+pub use prelight_manifests::scene::Projection;
 pub use procedural::{sky, studio};
 pub use sampler::{EnvironmentSample, EnvironmentSampler};
 pub use splat::Splatter;

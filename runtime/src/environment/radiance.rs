@@ -12,6 +12,7 @@
 //! do: pixel values are taken as radiance.
 
 use super::decode::{Decoded, Source};
+use super::primaries::{Primaries, convert};
 use super::scanline;
 use crate::error::RuntimeError;
 
@@ -34,6 +35,8 @@ struct Header {
     orientation: Orientation,
     /// CIE XYZ instead of RGB.
     xyz: bool,
+    /// Of RGB that is not Rec.709: the matrix to it.
+    matrix: Option<[[f64; 3]; 3]>,
     notes: Vec<String>,
     /// Where the scan lines start.
     data: usize,
@@ -53,8 +56,10 @@ pub(super) fn decode(source: Source<'_>) -> Result<Decoded, RuntimeError> {
     let mut pixels = if upright { lines } else { turn_upright(source, &lines, header.orientation)? };
     if header.xyz {
         pixels.iter_mut().for_each(|pixel| *pixel = rgb_from_xyz(*pixel));
+    } else if let Some(matrix) = &header.matrix {
+        convert(&mut pixels, matrix);
     }
-    Ok(Decoded { width, height, pixels, notes: header.notes })
+    Ok(Decoded { width, height, pixels, notes: header.notes, projection: None })
 }
 
 fn read_header(source: Source<'_>) -> Result<Header, RuntimeError> {
@@ -67,7 +72,7 @@ fn read_header(source: Source<'_>) -> Result<Header, RuntimeError> {
         Ok(String::from_utf8_lossy(&rest[..length]).trim_end_matches('\r').to_owned())
     };
     next_line()?;
-    let (mut xyz, mut notes) = (false, Vec::new());
+    let (mut xyz, mut matrix, mut notes) = (false, None, Vec::new());
     loop {
         let line = next_line()?;
         let line = line.trim();
@@ -93,7 +98,10 @@ fn read_header(source: Source<'_>) -> Result<Header, RuntimeError> {
                 ));
             }
             "PRIMARIES" if !is_rec709(value) => {
-                notes.push(format!("PRIMARIES={value} in the header is not applied: colours are taken as Rec.709"));
+                matrix = parse_primaries(value).and_then(Primaries::to_rec709);
+                if matrix.is_none() {
+                    notes.push(format!("PRIMARIES={value} in the header are none: colours are taken as Rec.709"));
+                }
             }
             _ => {}
         }
@@ -101,15 +109,20 @@ fn read_header(source: Source<'_>) -> Result<Header, RuntimeError> {
     let line = next_line()?;
     let orientation = parse_resolution(&line)
         .ok_or_else(|| source.error(format!("its resolution line `{}` is not of the form `-Y 512 +X 1024`", shorten(&line)), HELP))?;
-    Ok(Header { orientation, xyz, notes, data: at })
+    Ok(Header { orientation, xyz, matrix, notes, data: at })
 }
 
 /// Whether a PRIMARIES line gives the red, green and blue of Rec.709 (Radiance's own default is within 0.01), or only zeros as some
-/// writers do. The white point after them is not looked at.
+/// writers do.
 fn is_rec709(value: &str) -> bool {
+    value.split_whitespace().all(|number| number.parse() == Ok(0.0f64)) || parse_primaries(value).is_some_and(|own| own.is_rec709())
+}
+
+/// The eight numbers of a PRIMARIES line: x and y of red, green, blue and white.
+fn parse_primaries(value: &str) -> Option<Primaries> {
     let numbers: Vec<f64> = value.split_whitespace().map_while(|number| number.parse().ok()).collect();
-    let rec709 = [0.64, 0.33, 0.30, 0.60, 0.15, 0.06];
-    numbers.iter().all(|number| *number == 0.0) || numbers.len() >= 6 && numbers.iter().zip(rec709).all(|(a, b)| (a - b).abs() < 0.015)
+    let [red, green, blue, white] = [0, 2, 4, 6].map(|at| Some([*numbers.get(at)?, *numbers.get(at + 1)?]));
+    Some(Primaries { red: red?, green: green?, blue: blue?, white: white? })
 }
 
 /// At most 40 characters of text from a file.

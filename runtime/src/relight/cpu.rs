@@ -34,7 +34,9 @@ impl Cpu {
         let between = held.between(job.asset, job.poses);
         let objects = held.objects(job, &between);
         let (materials, textures, tables) = (job.surfaces.materials(), job.asset.textures(), job.surfaces.tables());
-        let (background, clay) = (&|direction| job.background.radiance(direction), job.style == Style::Clay);
+        // The background is looked up once per quarter of a pixel.
+        let spread = job.view.camera.pixel_angle(job.view.size[1]) / 2.0;
+        let (background, clay) = (&|direction| job.background.radiance(direction, spread), job.style == Style::Clay);
         f(&DrawScene { objects: &objects, materials, textures: &textures, tables, background, clay })
     }
 

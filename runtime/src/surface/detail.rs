@@ -64,6 +64,7 @@ pub fn fill_details(mesh: &Mesh, materials: &[Material], textures: &[Texture], o
                         let mapped = material.normal_texture.or(material.clearcoat_normal_texture).or(material.anisotropy_texture);
                         let set = if mapped.is_some_and(|reference| reference.uv_set == 1) { mesh.uv1 } else { mesh.uv0 };
                         let uvs = corners.map(|v| set.get(v).copied().unwrap_or_default());
+                        let uvs = uvs.map(|uv| mapped.map_or(uv, |reference| reference.place(uv)));
                         tangent_from_uv(corners.map(|v| mesh.position[v]), uvs).unwrap_or_default()
                     })
                 });

@@ -38,6 +38,28 @@ pub struct TextureRef {
     pub wrap: [Wrap; 2],
     /// Nearest texel instead of bilinear.
     pub nearest: bool,
+    /// Rows of an affine map of its texture coordinates, u' = a·u + b·v + c. `None`: as they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub transform: Option<[[f32; 3]; 2]>,
+}
+
+impl TextureRef {
+    /// Where in the texture the coordinates of its set lie.
+    pub fn place(&self, uv: [f32; 2]) -> [f32; 2] {
+        match self.transform {
+            None => uv,
+            Some(rows) => rows.map(|[a, b, c]| a * uv[0] + b * uv[1] + c),
+        }
+    }
+
+    /// Texels that unit steps of u and of v cross at most, in a texture of this size.
+    pub fn texels(&self, width: u32, height: u32) -> [f32; 2] {
+        let (width, height) = (width as f32, height as f32);
+        match self.transform {
+            None => [width, height],
+            Some([u, v]) => [0, 1].map(|k| (u[k].abs() * width).max(v[k].abs() * height)),
+        }
+    }
 }
 
 /// What alpha does.
@@ -144,8 +166,11 @@ pub struct Material {
     pub alpha_mode: AlphaMode,
     /// Seen and shaded from both sides. Single-sided surfaces block light from both sides too.
     pub double_sided: bool,
-    /// Whether a BLEND surface blocks light; `None` lets the opacity rule decide (blocks from 0.5 up).
+    /// Whether a BLEND surface blocks light; `None` lets the opacity rule decide (blocks from `blocks_from` up).
     pub occludes: Option<bool>,
+    /// Alpha from which on a BLEND surface blocks light; `None`: 0.5.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub blocks_from: Option<f32>,
 }
 
 impl Default for Material {
@@ -181,6 +206,7 @@ impl Default for Material {
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
             occludes: None,
+            blocks_from: None,
         }
     }
 }
@@ -192,6 +218,12 @@ impl Material {
         let set = |reference: Option<TextureRef>| reference.map(|r| r.uv_set);
         let anisotropy = (self.anisotropy > 0.0).then(|| set(self.anisotropy_texture).unwrap_or(0));
         set(self.normal_texture).or(anisotropy).or(set(self.clearcoat_normal_texture))
+    }
+
+    /// The texture along whose coordinates its tangents run, in the order of [`Material::tangent_uv_set`].
+    pub fn tangent_texture(&self) -> Option<TextureRef> {
+        let anisotropy = self.anisotropy_texture.filter(|_| self.anisotropy > 0.0);
+        self.normal_texture.or(anisotropy).or(self.clearcoat_normal_texture)
     }
 
     /// Whether its lobe needs a tangent.

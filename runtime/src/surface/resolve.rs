@@ -266,7 +266,7 @@ mod tests {
     }
 
     fn reference(texture: u32) -> Option<TextureRef> {
-        Some(TextureRef { texture, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false })
+        Some(TextureRef { texture, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false, transform: None })
     }
 
     #[test]

@@ -62,10 +62,11 @@ impl Texture<'_> {
         Ok(Texture { width, height, encoding, texels: Cow::Borrowed(&bytes[HEADER_BYTES..]) })
     }
 
-    /// Linear RGBA at a texture coordinate ((0, 0) is the top left corner of the image, as in glTF).
+    /// Linear RGBA where the reference places a texture coordinate ((0, 0) is the top left corner of the image, as in glTF).
     ///
     /// Coordinates that are not finite read as 0.
     pub fn sample(&self, reference: &TextureRef, uv: [f32; 2]) -> [f32; 4] {
+        let uv = reference.place(uv);
         let place = |coordinate: f32, size: u32, wrap: Wrap| {
             let coordinate = if coordinate.is_finite() { coordinate } else { 0.0 };
             // Folding before scaling keeps the fraction's bits for coordinates far from 0.
@@ -146,7 +147,7 @@ mod tests {
     #[test]
     fn bilinear_meets_texel_centres_and_wraps() {
         let texture = checker();
-        let mut reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false };
+        let mut reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false, transform: None };
         assert_eq!(texture.sample(&reference, [0.25, 0.25]), [0.0, 0.0, 0.0, 1.0]);
         assert_eq!(texture.sample(&reference, [0.75, 0.25])[0], 1.0);
         assert_eq!(texture.sample(&reference, [0.5, 0.25])[0], 0.5);

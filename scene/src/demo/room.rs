@@ -63,7 +63,7 @@ impl Room {
     /// A material with a texture; `scale` is not applied here: texture coordinates come scaled.
     fn textured(&mut self, name: &str, texture: &Texture, roughness: f32) -> Result<u32, RuntimeError> {
         let image = self.glb.image(name, &png(texture)?);
-        let base_color_texture = Some(TextureRef { texture: image, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false });
+        let base_color_texture = Some(TextureRef { texture: image, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false, transform: None });
         let material = Material { name: name.to_string(), base_color_texture, roughness, metallic: 0.0, ..Material::default() };
         Ok(self.glb.material(&material))
     }

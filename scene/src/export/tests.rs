@@ -21,7 +21,7 @@ fn what_is_written_is_what_is_read() {
     let mut glb = GlbBuilder::new();
     let colour = glb.image("colour", &png(5, 3));
     let bumps = glb.image("bumps", &png(2, 2));
-    let reference = |texture, uv_set| TextureRef { texture, uv_set, wrap: [Wrap::Clamp, Wrap::Mirror], nearest: true };
+    let reference = |texture, uv_set| TextureRef { texture, uv_set, wrap: [Wrap::Clamp, Wrap::Mirror], nearest: true, transform: None };
     let full = Material {
         name: "Everything".into(),
         base_color: [0.25, 0.5, 0.75, 0.875],
@@ -52,6 +52,7 @@ fn what_is_written_is_what_is_read() {
         alpha_mode: AlphaMode::Mask { cutoff: 0.75 },
         double_sided: true,
         occludes: None,
+        blocks_from: None,
     };
     let glass = Material { name: "Glass".into(), alpha_mode: AlphaMode::Blend, base_color: [1.0, 1.0, 1.0, 0.25], ..Material::default() };
     let materials = [glb.material(&full), glb.material(&glass)];

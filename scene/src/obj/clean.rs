@@ -2,6 +2,7 @@
 //! statement a line, UTF-8, no comments.
 
 use crate::error::{Budget, SceneError, Source};
+use crate::origin::Bounds;
 use crate::warnings::{Warnings, quote};
 use std::fmt::Write;
 
@@ -12,6 +13,8 @@ pub(super) struct Clean {
     pub text: Vec<u8>,
     /// Corners of all faces.
     pub corners: u64,
+    /// What its positions are counted from.
+    pub origin: [f64; 3],
 }
 
 /// Statements: lines, with those joined that end in a backslash. Gives (number of the first line, text).
@@ -81,11 +84,17 @@ pub(super) fn obj(source: Source, bytes: &[u8], budget: &mut Budget, warnings: &
     budget.charge("the file", "its text, checked", (bytes.len() as u64).saturating_mul(2))?;
     let checker = Checker { source };
     let mut all = Counts::default();
+    let (mut bounds, mut has_weights) = (Bounds::default(), false);
     for (_, statement) in statements(bytes) {
         let (keyword, rest) = split(&statement);
         match keyword {
             "v" => {
                 all.positions += 1;
+                let numbers: Vec<f64> = words(rest).take(5).map_while(|word| word.parse().ok()).collect();
+                has_weights |= numbers.len() == 4;
+                if let [x, y, z, ..] = numbers[..] {
+                    bounds.point([x, y, z]);
+                }
                 all.coloured += u64::from(words(rest).take(7).count() >= 6);
             }
             "vt" => all.uvs += 1,
@@ -93,6 +102,8 @@ pub(super) fn obj(source: Source, bytes: &[u8], budget: &mut Budget, warnings: &
             _ => {}
         }
     }
+    // In f64, while the text has all digits.
+    let origin = if has_weights { [0.0; 3] } else { bounds.origin() };
     let coloured = all.coloured == all.positions;
     if all.coloured > 0 && !coloured {
         warnings.count("colours that some vertices lack are left out", all.coloured, || "v".to_string());
@@ -106,12 +117,17 @@ pub(super) fn obj(source: Source, bytes: &[u8], budget: &mut Budget, warnings: &
             "v" => {
                 let numbers = checker.numbers(line, rest, "position")?;
                 let text = |range: std::ops::Range<usize>| numbers[range].iter().map(|(word, _)| *word).collect::<Vec<_>>().join(" ");
+                let counted = |k: usize| match numbers[k].0.parse::<f64>() {
+                    Ok(exact) if origin[k] != 0.0 => (exact - origin[k]).to_string(),
+                    _ => numbers[k].0.to_string(),
+                };
+                let place = || [0, 1, 2].map(counted).join(" ");
                 match numbers.len() {
                     4 if numbers[3].1 == 0.0 => return Err(checker.error(line, "a position with w = 0 lies at infinity")),
-                    3 => writeln!(out, "v {}", text(0..3)),
+                    3 => writeln!(out, "v {}", place()),
                     4 => writeln!(out, "v {}", text(0..4)),
-                    n @ 6..=8 if coloured => writeln!(out, "v {} {}", text(0..3), text(n.min(7) - 3..n.min(7))),
-                    5..=8 => writeln!(out, "v {}", text(0..3)),
+                    n @ 6..=8 if coloured => writeln!(out, "v {} {}", place(), text(n.min(7) - 3..n.min(7))),
+                    5..=8 => writeln!(out, "v {}", place()),
                     n => return Err(checker.error(line, format!("a position of {n} numbers, expected 3, or 6 with a colour"))),
                 }
                 .expect("writing to a string");
@@ -164,7 +180,7 @@ pub(super) fn obj(source: Source, bytes: &[u8], budget: &mut Budget, warnings: &
         return Err(SceneError::Empty { file, at: "the file".to_string(), what: what.to_string(), help });
     }
     budget.charge("the file", "its text, checked", (out.len() as u64).saturating_sub(2 * bytes.len() as u64))?;
-    Ok(Clean { text: out.into_bytes(), corners })
+    Ok(Clean { text: out.into_bytes(), corners, origin })
 }
 
 /// `v`, `v/vt`, `v//vn` or `v/vt/vn`, made absolute.

@@ -20,13 +20,13 @@ fn close(found: [f32; 4], expected: [f32; 4]) -> bool {
 fn tangents_point_along_rising_u_and_bitangents_up_the_image() {
     // Rows run downward: at the lower edge of the wall v is 1.
     let mut upright = square(vec![[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]);
-    make(&mut upright, 0);
+    make(&mut upright, 0, None);
     assert!(upright.tangents.unwrap().iter().all(|&t| close(t, [1.0, 0.0, 0.0, 1.0])));
     let mut turned = square(vec![[1.0, 0.0], [0.0, 0.0], [0.0, 1.0], [1.0, 1.0]]);
-    make(&mut turned, 0);
+    make(&mut turned, 0, None);
     assert!(turned.tangents.unwrap().iter().all(|&t| close(t, [-1.0, 0.0, 0.0, 1.0])));
     let mut mirrored = square(vec![[1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]]);
-    make(&mut mirrored, 0);
+    make(&mut mirrored, 0, None);
     assert!(mirrored.tangents.unwrap().iter().all(|&t| close(t, [-1.0, 0.0, 0.0, -1.0])));
 }
 
@@ -34,7 +34,7 @@ fn tangents_point_along_rising_u_and_bitangents_up_the_image() {
 fn vertices_between_opposite_hands_are_split() {
     let mut part = square(vec![[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [2.0, 0.5]]);
     part.colors = Some(vec![[0.5; 4]; 4]);
-    make(&mut part, 0);
+    make(&mut part, 0, None);
     let tangents = part.tangents.as_ref().unwrap();
     assert_eq!((part.positions.len(), tangents.len(), part.colors.as_ref().unwrap().len()), (6, 6, 6));
     assert_eq!(part.triangles, [[0, 1, 2], [4, 5, 3]]);
@@ -47,7 +47,7 @@ fn vertices_between_opposite_hands_are_split() {
 fn surfaces_without_normals_become_flat_and_bad_coordinates_do_no_harm() {
     let mut part = square(vec![[0.5, 0.5]; 4]);
     part.normals = None;
-    make(&mut part, 0);
+    make(&mut part, 0, None);
     assert_eq!(part.positions.len(), 6);
     assert_eq!(part.normals.unwrap(), [[0.0, 0.0, 1.0]; 6]);
     for t in part.tangents.unwrap() {
@@ -69,7 +69,7 @@ fn made_tangents_agree_with_those_of_a_real_scene() {
     for primitive in scene.objects.iter().flat_map(|object| &object.mesh.primitives) {
         let written = primitive.tangents.as_ref().expect("the scene has tangents");
         let mut made = Primitive { tangents: None, ..primitive.clone() };
-        make(&mut made, 0);
+        make(&mut made, 0, None);
         let made_tangents = made.tangents.unwrap();
         for (old, new) in primitive.triangles.iter().flatten().zip(made.triangles.iter().flatten()) {
             let (a, b) = (written[*old as usize], made_tangents[*new as usize]);

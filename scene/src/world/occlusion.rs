@@ -46,9 +46,10 @@ impl<'a> Blocker<'a> {
     ) {
         let scene = self.scene;
         let material = scene.materials.get(local.material as usize);
-        let (factor, texture, mode, occludes) = {
+        let (factor, texture, mode, occludes, from) = {
             let material = material.unwrap_or(&self.default_material);
-            (material.base_color[3], material.base_color_texture, material.alpha_mode, material.occludes)
+            let from = material.blocks_from.unwrap_or(BLEND_BLOCKS_FROM);
+            (material.base_color[3], material.base_color_texture, material.alpha_mode, material.occludes, from)
         };
         let textured = texture.and_then(|reference| {
             let uvs = local.uvs.get(reference.uv_set as usize)?.as_ref()?;
@@ -73,11 +74,11 @@ impl<'a> Blocker<'a> {
                 return;
             }
             (AlphaMode::Mask { cutoff }, textured, _) => (cutoff, textured),
-            (AlphaMode::Blend, None, None) => (BLEND_BLOCKS_FROM, None),
+            (AlphaMode::Blend, None, None) => (from, None),
             (AlphaMode::Blend, Some((reference, uvs)), None) => {
                 let vertices = local.colors.as_ref().map_or([1.0; 2], |colors| range(colors.iter().map(|color| color[3])));
-                match self.whole(&reference, [factor * vertices[0], factor * vertices[1]], BLEND_BLOCKS_FROM) {
-                    Whole::Differs => (BLEND_BLOCKS_FROM, Some((reference, uvs))),
+                match self.whole(&reference, [factor * vertices[0], factor * vertices[1]], from) {
+                    Whole::Differs => (from, Some((reference, uvs))),
                     Whole::Blocks => {
                         occlusion.extend(triangles.map(|(k, _)| with_area(k, Occlusion::Opaque)));
                         return;
@@ -95,10 +96,10 @@ impl<'a> Blocker<'a> {
                 occlusion.extend((0..part.triangles.len()).map(|k| with_area(k, Occlusion::Mask { mask, corner: k as u32 })));
                 masks.push(AlphaMask {
                     texture: reference.texture,
-                    reference,
+                    reference: TextureRef { transform: None, ..reference },
                     factor,
                     cutoff,
-                    uv: part.triangles.iter().map(|t| t.map(|v| uvs[v as usize])).collect(),
+                    uv: part.triangles.iter().map(|t| t.map(|v| reference.place(uvs[v as usize]))).collect(),
                     alpha: part.triangles.iter().map(vertex_alpha).collect(),
                 });
             }

@@ -124,7 +124,7 @@ fn opacity_rules_decide_what_blocks() {
         encoding: TextureEncoding::Srgb,
         texels: vec![9, 9, 9, alpha[0], 9, 9, 9, alpha[1]].into(),
     };
-    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false };
+    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false, transform: None };
     let mask = AlphaMode::Mask { cutoff: 0.5 };
     let blend = AlphaMode::Blend;
     // (mode, factor, texture's alphas, vertex alpha, occludes) -> what blocks
@@ -179,7 +179,7 @@ fn opacity_rules_decide_what_blocks() {
 
 #[test]
 fn a_blend_texture_cuts_as_a_mask_of_one_half_does() {
-    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false };
+    let reference = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat; 2], nearest: false, transform: None };
     let build = |alpha_mode: AlphaMode| {
         let material = Material { base_color_texture: Some(reference), alpha_mode, ..Material::default() };
         let mut scene = scene_of(triangle(), material, &[IDENTITY]);

@@ -62,7 +62,7 @@ fn every_kind() -> (Scene, BakeOptions) {
     scene.textures = vec![Texture { width: 4, height: 4, encoding: TextureEncoding::Srgb, texels: checker.into() }];
     // Two nodes an axis: brightest toward the mirror direction.
     scene.tables = vec![Measured::new([2; 3], (0..8).map(|i| if i < 4 { [0.5, 0.4, 0.3] } else { [0.1, 0.1, 0.15] }).collect())];
-    let texture = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat, Wrap::Mirror], nearest: false };
+    let texture = TextureRef { texture: 0, uv_set: 0, wrap: [Wrap::Repeat, Wrap::Mirror], nearest: false, transform: None };
     let matt = Material { metallic: 0.0, roughness: 1.0, ..Material::default() };
     scene.materials = vec![
         Material { name: "checker".into(), base_color_texture: Some(texture), ..matt.clone() },
