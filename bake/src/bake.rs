@@ -18,6 +18,7 @@ use crate::block_product::visibility::patch::Shadowing;
 use crate::cost::estimate::{batches, count_object_points};
 use crate::error::BakeError;
 use crate::factor::{SceneInputs, Technique};
+use crate::mesh::extent::check_extents;
 use crate::points::buried::BuriedProbe;
 use crate::points::plan_object;
 use crate::progress::{Progress, Stage, check};
@@ -103,6 +104,7 @@ pub fn bake_with_previews(
     preview: Option<&mut OnPreview>,
 ) -> Result<Baked, BakeError> {
     let clock = Clock::default();
+    check_extents(scene, world)?;
     let layer_of = layers(scene, world, &options.rebake.layers);
     let pieces = Pieces::build(scene, world, &layer_of, MAX_LAYERS);
     let wanted = |object: usize| options.rebake.wants(object);
@@ -292,6 +294,7 @@ fn plan_batch(
     };
     let work = (batch.par_iter().zip(known))
         .map(|(&object, known)| {
+            check(progress)?;
             let plan = plan_object(scene, world, object, &options.points[object])?;
             Ok(ObjectWork::new(plan, known.and_then(read)))
         })

@@ -18,7 +18,7 @@ pub fn probes(loaded: &Loaded, context: &Context) -> Result<Probes, Failure> {
     let mut probes = Probes::held_back(face_resolution);
     let mut own: Vec<(String, Environment)> = Vec::new();
     for entry in &loaded.input.manifest.environment {
-        let (environment, _) = read_environment(&loaded.input.environment_path(entry), context.memory)?;
+        let (environment, _) = read_environment(&loaded.input.environment_path(entry), &context.budget)?;
         own.push((entry.name.clone(), environment.with_rotation(entry.rotate_y_deg).with_intensity(entry.intensity as f32)));
     }
     probes.extend(Probes::new(own, face_resolution));

@@ -10,6 +10,7 @@ use prelight_bake::check::{Finding, findings};
 use prelight_bake::cost::estimate::estimate;
 use prelight_bake::progress::{self, Progress, Stage};
 use prelight_manifests::ByteSize;
+use prelight_store::Budget;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
@@ -38,13 +39,13 @@ pub struct CheckArgs {
 /// Runs the verb.
 pub fn run(args: CheckArgs, context: &Context) -> Result<Summary, Failure> {
     let Loaded { input, mut scene, world, settings, .. } = Loaded::open_quietly(&args.scene.scene, None, &args.knobs, context)?;
-    let memory = context.memory_limit(input.manifest.limits.memory);
+    let budget = Budget::new(context.memory_limit(input.manifest.limits.memory).0);
     let environments = &input.manifest.environment;
     if !environments.is_empty() {
         let stage = Stage::begin(context.progress(), "lights", Some(environments.len() as u64), "files");
         for entry in environments {
             progress::check(context.progress())?;
-            scene.warnings.extend(read_environment(&input.environment_path(entry), memory)?.1);
+            scene.warnings.extend(read_environment(&input.environment_path(entry), &budget)?.1);
             stage.advance(1);
         }
     }

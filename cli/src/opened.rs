@@ -12,7 +12,7 @@ use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::framing::automatic_view;
 use prelight_runtime::environment::Environment;
 use prelight_runtime::error::RuntimeError;
-use prelight_store::Store;
+use prelight_store::{ChunkSource, Store};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -25,7 +25,7 @@ pub fn open_asset(file: &Path, context: &Context) -> Result<Arc<Asset>, Failure>
     let opened = match is_pack(file) {
         Ok(true) => {
             let source = context.open_pack(file)?;
-            let mut manifest = parse_asset(file, &source.manifest()?)?;
+            let mut manifest = parse_asset(file, &source.manifest()?, &source.budget())?;
             manifest.report = without_files(&manifest.report);
             Asset::open(manifest, &source)
         }
@@ -52,7 +52,7 @@ pub fn open_manifest(file: &Path, context: &Context) -> Result<(AssetManifest, S
 
 fn open_manifest_with_bytes(file: &Path, context: &Context) -> Result<(AssetManifest, Store, Vec<u8>), Failure> {
     let bytes = read(file, context.memory)?;
-    let manifest = parse_asset(file, &bytes)?;
+    let manifest = parse_asset(file, &bytes, &context.budget)?;
     let store = context.store_options().open(context.store.clone().unwrap_or_else(|| store_of(file, &manifest)))?;
     Ok((manifest, store, bytes))
 }
@@ -72,7 +72,7 @@ pub fn open_environment(asset: &Asset, name: &str, rotate: f32, context: &Contex
     if entry.is_none() && !path.exists() {
         return Err(no_environment(name, known.iter().filter_map(|entry| entry["name"].as_str())));
     }
-    let (environment, warnings) = read_environment(&path, context.memory_left())?;
+    let (environment, warnings) = read_environment(&path, &context.budget)?;
     warnings.iter().for_each(|warning| context.progress().warning(warning));
     Ok(environment.with_rotation(turned + f64::from(rotate)).with_intensity(intensity as f32))
 }
@@ -104,7 +104,7 @@ pub fn read_environment_named(name: &str, context: &Context) -> Result<Environme
     if !PathBuf::from(name).exists() {
         return Err(no_environment(name, std::iter::empty()));
     }
-    let (environment, warnings) = read_environment(&PathBuf::from(name), context.memory_left())?;
+    let (environment, warnings) = read_environment(&PathBuf::from(name), &context.budget)?;
     warnings.iter().for_each(|warning| context.progress().warning(warning));
     Ok(environment)
 }

@@ -109,7 +109,7 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     let exposure = args.exposure.map(exposure_from_ev);
     let mut used = exposure;
     if let Some(spp) = args.reference {
-        let tracer = Truth::new(&asset, &environment, spp, args.bounces);
+        let tracer = Truth::new(&asset, &environment, spp, args.bounces)?;
         let truth = tracer.picture(&picture, context)?;
         let path = if args.reference_only { args.output.clone() } else { reference_path(&args.output) };
         used = Some(exposure.unwrap_or_else(|| automatic_exposure(&truth.images.image, &truth.images.mask)));

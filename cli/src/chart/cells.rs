@@ -104,7 +104,11 @@ impl Chart<'_> {
     /// The reference of a cell, from the store or traced.
     fn reference<'a>(&'a self, light: &'a ChartLight, view: &ChartView, truth: &mut Option<Truth<'a>>) -> Result<KeptReference, Failure> {
         kept_or_traced(self.store, self.key(light, view, &[]), self.args.size(), || {
-            let truth = truth.get_or_insert_with(|| Truth::new(self.cells.asset, &light.environment, self.args.reference, self.bounces()));
+            let new = || Truth::new(self.cells.asset, &light.environment, self.args.reference, self.bounces());
+            let truth = match truth {
+                Some(truth) => truth,
+                None => truth.insert(new()?),
+            };
             truth.picture(
                 &Picture { camera: view.camera, size: self.args.size(), samples: self.args.samples as usize, clay: false },
                 self.context,
@@ -154,7 +158,7 @@ impl Chart<'_> {
         const SAMPLES: u32 = 2;
         let (width, height) = self.args.size;
         let small = [(width / SHARE).max(1), (height / SHARE).max(1)];
-        let probe = Truth::new(self.cells.asset, &light.environment, SAMPLES, self.bounces());
+        let probe = Truth::new(self.cells.asset, &light.environment, SAMPLES, self.bounces())?;
         let size = small.map(|side| side as usize);
         let traced = probe.picture(&Picture { camera: view.camera, size, samples: 1, clay: false }, self.context)?;
         let pixels = f64::from(width * height) / f64::from(small[0] * small[1]);
