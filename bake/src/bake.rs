@@ -20,6 +20,7 @@ use crate::bounces::{BounceInputs, add_links, check_memory};
 use crate::cost::estimate::{batches, count_object_points};
 use crate::error::BakeError;
 use crate::factor::{SceneInputs, Technique};
+use crate::mesh::extent::check_extents;
 use crate::points::buried::BuriedProbe;
 use crate::points::plan_object;
 use crate::progress::{Progress, Stage, check};
@@ -163,6 +164,7 @@ fn bake_still(
     moving: Moving,
 ) -> Result<Baked, BakeError> {
     let clock = Clock::default();
+    check_extents(scene, world)?;
     let layer_of = layers(scene, world, &options.rebake.layers);
     let pieces = Pieces::build(scene, world, &layer_of, MAX_LAYERS);
     let wanted = |object: usize| options.rebake.wants(object);
@@ -382,6 +384,7 @@ fn plan_batch(
     };
     let work = (batch.par_iter().zip(known))
         .map(|(&object, known)| {
+            check(progress)?;
             let plan = plan_object(scene, world, object, &options.points[object])?;
             Ok(ObjectWork::new(plan, known.and_then(read)))
         })

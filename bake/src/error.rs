@@ -145,6 +145,14 @@ pub enum PlanError {
         /// What it may be.
         expected: &'static str,
     },
+    /// An object of a size that no scene has.
+    #[error("object '{object}' {what}\n  help: take it out of the scene or scale it; such sizes are faults of an export")]
+    Extent {
+        /// Name of the object.
+        object: String,
+        /// How large it is, against what.
+        what: String,
+    },
     /// Refinement would not end within the limit.
     #[error("object '{object}' needs more than {limit} triangles at an edge length of {edge_length} m; help: use a larger edge_length")]
     TooManyTriangles {

@@ -19,7 +19,7 @@ pub fn probes(loaded: &Loaded, context: &Context) -> Result<Probes, Failure> {
     let mut own: Vec<(String, Environment)> = Vec::new();
     for (index, entry) in loaded.input.manifest.environment.iter().enumerate() {
         loaded.input.find_environment(index)?;
-        let (environment, _) = read_environment(&loaded.input.environment_path(entry), &map_options(entry), context.memory)?;
+        let (environment, _) = read_environment(&loaded.input.environment_path(entry), &map_options(entry), &context.budget)?;
         own.push((entry.name.clone(), environment.with_rotation(entry.rotate_y_deg).with_intensity(entry.intensity as f32)));
     }
     probes.extend(Probes::new(own, face_resolution));

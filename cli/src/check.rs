@@ -10,6 +10,7 @@ use prelight_bake::check::{Finding, findings};
 use prelight_bake::cost::estimate::estimate;
 use prelight_bake::progress::{self, Progress, Stage};
 use prelight_manifests::ByteSize;
+use prelight_store::Budget;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
@@ -40,14 +41,14 @@ pub fn run(args: CheckArgs, context: &Context) -> Result<Summary, Failure> {
     let loaded = Loaded::open_quietly(&args.scene.scene, None, &args.knobs, context)?;
     loaded.tell_notes(context);
     let Loaded { input, mut scene, world, settings, .. } = loaded;
-    let memory = context.memory_limit(input.manifest.limits.memory);
+    let budget = Budget::new(context.memory_limit(input.manifest.limits.memory).0);
     let environments = &input.manifest.environment;
     if !environments.is_empty() {
         let stage = Stage::begin(context.progress(), "lights", Some(environments.len() as u64), "files");
         for (index, entry) in environments.iter().enumerate() {
             progress::check(context.progress())?;
             input.find_environment(index)?;
-            scene.warnings.extend(read_environment(&input.environment_path(entry), &map_options(entry), memory)?.1);
+            scene.warnings.extend(read_environment(&input.environment_path(entry), &map_options(entry), &budget)?.1);
             stage.advance(1);
         }
     }

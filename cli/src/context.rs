@@ -86,11 +86,6 @@ impl Context<'_> {
         if self.memory_given { self.memory } else { manifest.unwrap_or(self.memory) }
     }
 
-    /// What is left of the budget.
-    pub fn memory_left(&self) -> ByteSize {
-        ByteSize(self.budget.limit().saturating_sub(self.budget.used()))
-    }
-
     /// A store within the budget.
     pub fn store_options(&self) -> StoreOptions {
         StoreOptions::new().budget(self.budget.clone())

@@ -79,7 +79,7 @@ fn picture(asset: &Arc<Asset>, camera: &str, light: &str, path: &Path, size: (u3
     stage.advance(1);
     drop(stage);
     let small = wanted(((size.0 / REFERENCE_SHARE).max(1), (size.1 / REFERENCE_SHARE).max(1)))?;
-    let truth = Truth::new(asset, &environment, REFERENCE_SAMPLES, None).picture(&small, context)?;
+    let truth = Truth::new(asset, &environment, REFERENCE_SAMPLES, None)?.picture(&small, context)?;
     let small = relight(asset, &environment, &small, Accuracy::FINE, &mut Summary::new())?.frame;
     let metrics = compare(&small.image, &truth.images.image, &truth.images.mask, None, Some([&truth.images.half_a, &truth.images.half_b]))?;
     set_metrics(&mut row, &metrics);

@@ -39,7 +39,8 @@ pub fn run(args: DiffArgs, context: &Context) -> Result<Summary, Failure> {
                 let text = "--fail-above is for images; assets differ or they do not\n  help: leave it out";
                 return Err(Failure::text(ExitCode::Usage, text));
             }
-            Ok(diff_assets([&parse_asset(paths[0], &files[0])?, &parse_asset(paths[1], &files[1])?]))
+            let asset = |i: usize| parse_asset(paths[i], &files[i], &context.budget);
+            Ok(diff_assets([&asset(0)?, &asset(1)?]))
         }
         [false, false] => {
             // Metrics hold a handful of copies of both images.
@@ -112,7 +113,7 @@ fn diff_assets([test, reference]: [&AssetManifest; 2]) -> Summary {
     });
     let only = |a: usize, b: usize| {
         let unique = chunks[a].iter().filter(|(digest, _)| !chunks[b].contains_key(digest));
-        unique.fold((0u64, 0u64), |(count, bytes), (_, size)| (count + 1, bytes + size))
+        unique.fold((0u64, 0u64), |(count, bytes), (_, size)| (count + 1, bytes.saturating_add(*size)))
     };
     let (only_test, only_reference) = (only(0, 1), only(1, 0));
     let both = chunks[0].len() as u64 - only_test.0;

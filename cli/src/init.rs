@@ -6,6 +6,7 @@ use super::{Context, ExitCode, Failure, Summary};
 use clap::Args;
 use prelight_bake::cost::density::{Density, density};
 use prelight_bake::mesh::PointParams;
+use prelight_bake::mesh::extent::check_extents;
 use prelight_bake::progress::Stage;
 use prelight_bake::{BakeError, Progress};
 use prelight_manifests::Quality;
@@ -82,7 +83,9 @@ fn measure(scene: &Scene, points: Option<u64>, context: &Context) -> Result<Dens
     let _stage = Stage::begin(context.progress(), "measure", None, "objects");
     let knobs = Quality::Medium.knobs();
     let params = PointParams::new(&knobs, 1.0);
-    Ok(density(scene, &World::build(scene), &params, points, knobs.points)?)
+    let world = World::build(scene);
+    check_extents(scene, &world)?;
+    Ok(density(scene, &world, &params, points, knobs.points)?)
 }
 
 /// 0.05 for the f32 next to it.

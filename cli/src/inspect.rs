@@ -90,7 +90,8 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
     let mut by_kind: BTreeMap<String, u64> = BTreeMap::new();
     let mut seen = HashSet::new();
     for descriptor in manifest.content.descriptors().filter(|descriptor| seen.insert(descriptor.digest)) {
-        *by_kind.entry(descriptor.kind.to_string()).or_default() += descriptor.bytes;
+        let sum = by_kind.entry(descriptor.kind.to_string()).or_default();
+        *sum = sum.saturating_add(descriptor.bytes);
     }
     let glob = match &args.object {
         Some(pattern) => {
@@ -109,7 +110,8 @@ fn contents(asset: &Asset, args: &InspectArgs) -> Result<Summary, Failure> {
         let buried = flags(object.patches.clone()).filter(|flags| flags & BURIED != 0).count();
         let mut bytes = BTreeMap::from([("total".to_string(), object_bytes(entry)), ("mesh".to_string(), entry.mesh.bytes)]);
         for factor in entry.patches.iter().flat_map(|patch| &patch.factors) {
-            *bytes.entry(factor.kind.to_string()).or_default() += factor.bytes;
+            let sum = bytes.entry(factor.kind.to_string()).or_default();
+            *sum = sum.saturating_add(factor.bytes);
         }
         let has_visibility = |patch: &&AssetPatch| patch.factor(ChunkKind::Visibility).is_some();
         let steps = asset.patches()[object.patches.clone()].first().filter(has_visibility).and_then(|patch| patch.visibility().steps());
@@ -200,7 +202,7 @@ fn measured(asset: &Asset, name: &str) -> Value {
 
 /// Plain bytes of an object's chunks, shared ones counted in full.
 fn object_bytes(entry: &AssetObject) -> u64 {
-    entry.descriptors().map(|descriptor| descriptor.bytes).sum()
+    entry.descriptors().fold(0, |sum, descriptor| sum.saturating_add(descriptor.bytes))
 }
 
 /// Colours of techniques, in the order of their names in the asset.
@@ -335,7 +337,7 @@ fn map_error(asset: &Arc<Asset>, args: &InspectArgs, output: &Path, context: &Co
     let mut summary = Summary::new();
     let picture = Picture { camera, size, samples: 16, clay: false, direct: false, moves: Vec::new(), shadows: true };
     let frame = relight(asset, &environment, &picture, Accuracy::FINE, &mut summary)?.frame;
-    let truth = Truth::new(asset, &environment, args.reference, None).picture(&picture, context)?;
+    let truth = Truth::new(asset, &environment, args.reference, None)?.picture(&picture, context)?;
     let metrics = compare(&frame.image, &truth.images.image, &truth.images.mask, None, Some([&truth.images.half_a, &truth.images.half_b]))?;
     let look = |image: &Image| expose(image, metrics.exposure as f32);
     let error = flip_map(&look(&frame.image), &look(&truth.images.image));

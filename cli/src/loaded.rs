@@ -6,7 +6,8 @@ use super::engine::EngineArgs;
 use super::{Context, Failure};
 use prelight_bake::check::findings;
 use prelight_bake::cost::counts::Counts;
-use prelight_bake::progress::Stage;
+use prelight_bake::mesh::extent::check_extents;
+use prelight_bake::progress::{Stage, check};
 use prelight_bake::settings::Settings;
 use prelight_scene::Scene;
 use prelight_scene::input::SceneInput;
@@ -79,11 +80,13 @@ impl Loaded {
         let stage = Stage::begin(context.progress(), "measure", None, "points");
         let scene = loaded.scene;
         let world = World::build(&scene);
+        check_extents(&scene, &world)?;
         let known = context.store_options().open(store_folder(context, output)).ok();
         // A store that is not there, or cannot be read: then it is counted. Whoever needs it says what is wrong with it.
-        let counts = Counts::new(&scene, known.as_ref()).or_else(|_| Counts::new(&scene, None))?;
+        let counts = Counts::new(&scene, known.as_ref()).or_else(|_| Counts::new(&scene, None))?.stopping(super::interrupt::requested);
         drop(known);
         let mut settings = Settings::resolve(&counts, &input.manifest, &loaded.knobs, &scene, &world, knobs.points, memory)?;
+        check(context.progress())?;
         drop(stage);
         let start = Instant::now();
         settings.meet_budgets(&scene, &world, context.progress())?;

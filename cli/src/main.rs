@@ -58,6 +58,7 @@ use output::{Stdout, talk, talk_marked};
 use prelight_manifests::version;
 use prelight_store::Budget;
 use reporter::{Look, Reporter};
+use std::borrow::Cow;
 use std::ffi::OsString;
 use std::io::IsTerminal;
 use std::sync::Arc;
@@ -179,6 +180,7 @@ impl Verb {
 
 /// Parses the process's arguments, runs the verb, prints, and says how to end.
 pub fn main() -> std::process::ExitCode {
+    output::show_panics();
     let arguments: Vec<OsString> = std::env::args_os().collect();
     std::process::ExitCode::from(run(&arguments) as u8)
 }
@@ -303,8 +305,12 @@ fn usage(error: &clap::Error, arguments: &[OsString], stdout: &Stdout) -> ExitCo
         let words = Words { message, ..Words::default() };
         stdout.line(&summary::failure_to_json("", ExitCode::Usage, &words).to_string());
     }
-    // Printed by clap, which knows about colours; a closed stderr is nobody's to mend.
-    let _ = error.print();
+    // Printed by clap, which knows about colours, unless that would send on what somebody put into a name.
+    let plain = error.render().to_string();
+    match shown(&plain) {
+        Cow::Borrowed(_) => drop(error.print()), // a closed stderr is nobody's to mend
+        Cow::Owned(safe) => talk(safe.trim_end()),
+    }
     ExitCode::Usage
 }
 

@@ -12,7 +12,7 @@ use prelight_runtime::draw::camera::Camera;
 use prelight_runtime::draw::framing::automatic_view;
 use prelight_runtime::environment::{Environment, MapOptions, Projection};
 use prelight_runtime::error::RuntimeError;
-use prelight_store::Store;
+use prelight_store::{ChunkSource, Store};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -25,7 +25,7 @@ pub fn open_asset(file: &Path, context: &Context) -> Result<Arc<Asset>, Failure>
     let opened = match is_pack(file) {
         Ok(true) => {
             let source = context.open_pack(file)?;
-            let mut manifest = parse_asset(file, &source.manifest()?)?;
+            let mut manifest = parse_asset(file, &source.manifest()?, &source.budget())?;
             manifest.report = without_files(&manifest.report);
             Asset::open(manifest, &source)
         }
@@ -52,7 +52,7 @@ pub fn open_manifest(file: &Path, context: &Context) -> Result<(AssetManifest, S
 
 fn open_manifest_with_bytes(file: &Path, context: &Context) -> Result<(AssetManifest, Store, Vec<u8>), Failure> {
     let bytes = read(file, context.memory)?;
-    let manifest = parse_asset(file, &bytes)?;
+    let manifest = parse_asset(file, &bytes, &context.budget)?;
     let store = context.store_options().open(context.store.clone().unwrap_or_else(|| store_of(file, &manifest)))?;
     Ok((manifest, store, bytes))
 }
@@ -75,7 +75,7 @@ pub fn open_environment(asset: &Asset, name: &str, rotate: f32, map: &MapArgs, c
     let said = |key: &str| entry.and_then(|entry| entry[key].as_str()).map(str::to_string);
     let written = said("projection").and_then(|name| Projection::ALL.into_iter().find(|projection| projection.name() == name));
     let options = MapOptions { projection: map.projection.or(written), layer: map.layer.clone().or_else(|| said("layer")) };
-    let (environment, warnings) = read_environment(&path, &options, context.memory_left())?;
+    let (environment, warnings) = read_environment(&path, &options, &context.budget)?;
     warnings.iter().for_each(|warning| context.progress().warning(warning));
     Ok(environment.with_rotation(turned + f64::from(rotate)).with_intensity(intensity as f32))
 }
@@ -107,7 +107,7 @@ pub fn read_environment_named(name: &str, context: &Context) -> Result<Environme
     if !PathBuf::from(name).exists() {
         return Err(no_environment(name, std::iter::empty()));
     }
-    let (environment, warnings) = read_environment(&PathBuf::from(name), &MapOptions::default(), context.memory_left())?;
+    let (environment, warnings) = read_environment(&PathBuf::from(name), &MapOptions::default(), &context.budget)?;
     warnings.iter().for_each(|warning| context.progress().warning(warning));
     Ok(environment)
 }

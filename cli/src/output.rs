@@ -52,6 +52,17 @@ pub fn talk_marked(mark: &str, line: &str) {
     talk_raw(&format!("{mark} {}", shown(line)));
 }
 
+/// Panics say on stderr what they always say, control characters shown: their words may quote a stranger's file.
+pub fn show_panics() {
+    std::panic::set_hook(Box::new(|panic| {
+        talk(&panic.to_string());
+        let trace = std::backtrace::Backtrace::capture();
+        if trace.status() == std::backtrace::BacktraceStatus::Captured {
+            talk(&trace.to_string());
+        }
+    }));
+}
+
 /// A line for programs, as it is.
 pub fn talk_raw(line: &str) {
     let _ = writeln!(io::stderr().lock(), "{line}");

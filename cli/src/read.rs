@@ -3,7 +3,9 @@
 use prelight_bake::BakeError;
 use prelight_manifests::scene::EnvironmentEntry;
 use prelight_manifests::{AssetManifest, ByteSize, ManifestError};
+use prelight_runtime::asset::manifest_bytes;
 use prelight_runtime::environment::{Environment, Limits, MapOptions};
+use prelight_store::Budget;
 use std::io::Read;
 use std::path::Path;
 
@@ -27,9 +29,12 @@ pub fn read(path: &Path, limit: ByteSize) -> Result<Vec<u8>, BakeError> {
     Ok(bytes)
 }
 
-/// Parses an asset manifest from a file's bytes.
-pub fn parse_asset(path: &Path, bytes: &[u8]) -> Result<AssetManifest, BakeError> {
+/// Parses an asset manifest from a file's bytes, if there is memory for what they may become.
+pub fn parse_asset(path: &Path, bytes: &[u8], budget: &Budget) -> Result<AssetManifest, BakeError> {
     let name = path.display().to_string();
+    let needed = manifest_bytes(bytes);
+    let refused = || BakeError::Memory { what: format!("the manifest {name}"), needed, limit: budget.left() };
+    let _parsing = budget.charge(needed).ok_or_else(refused)?;
     let text = std::str::from_utf8(bytes).map_err(|_| BakeError::Unsupported {
         what: format!("{name} is not an asset: it is not UTF-8 text"),
         help: "name the .prelight.json file that `prelight bake` wrote".to_string(),
@@ -49,10 +54,12 @@ pub fn map_options(entry: &EnvironmentEntry) -> MapOptions {
 }
 
 /// Reads and decodes an environment image, and keeps the file's name in front of what a person should know about it.
-pub fn read_environment(path: &Path, options: &MapOptions, limit: ByteSize) -> Result<(Environment, Vec<String>), BakeError> {
+pub fn read_environment(path: &Path, options: &MapOptions, budget: &Budget) -> Result<(Environment, Vec<String>), BakeError> {
     let name = path.display().to_string();
-    let bytes = read(path, limit)?;
-    let limits = Limits { max_bytes: limit.0.saturating_sub(bytes.len() as u64) };
+    let bytes = read(path, ByteSize(budget.left()))?;
+    // While it is decoded, the file is there as well.
+    let _file = budget.charge(bytes.len() as u64);
+    let limits = Limits::sharing(budget);
     let (environment, report) = Environment::decode_as(&name, &bytes, options, &limits)?;
     let warnings = report.warnings().into_iter().map(|warning| format!("{name}: {warning}")).collect();
     Ok((environment, warnings))

@@ -16,7 +16,7 @@ const SHOWN: usize = 12;
 
 /// What changed since an asset was baked, with what is stale put down to it.
 pub fn since(asset: &Path, store: &Store, loaded: &Loaded, stale: &[StalePatch], context: &Context) -> Result<Vec<Reason>, BakeError> {
-    let manifest = parse_asset(asset, &read(asset, context.memory)?)?;
+    let manifest = parse_asset(asset, &read(asset, context.memory)?, &context.budget)?;
     let old = occluding_scene(&manifest.content, store)?;
     let options = &loaded.settings.options;
     let changed = changes((&old, &World::build(&old)), (&loaded.scene, &loaded.world), &options.rebake.layers);

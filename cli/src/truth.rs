@@ -8,13 +8,16 @@ use prelight_chart::process_seconds;
 use prelight_chart::truth::KeptReference;
 use prelight_manifests::Digest;
 use prelight_runtime::asset::Asset;
+use prelight_runtime::asset::base::BasePrimitive;
 use prelight_runtime::draw::at_points::PointImage;
 use prelight_runtime::draw::metrics::unbiased_relative_l2;
 use prelight_runtime::environment::Environment;
+use prelight_runtime::error::RuntimeError;
 use prelight_scene::Scene;
 use prelight_scene::chunks::scene_from_asset;
 use prelight_scene::world::World;
 use prelight_store::Store;
+use prelight_store::budget::Charge;
 use std::time::Instant;
 
 /// An asset ready to be traced; holds nothing but what the asset has.
@@ -26,6 +29,7 @@ pub struct Truth<'a> {
     occluders: Occluders,
     samples: u32,
     bounces: u32,
+    _held: Charge,
 }
 
 /// A reference and how long it took.
@@ -62,18 +66,33 @@ pub fn usual_bounces(asset: &Asset) -> u32 {
 /// Leaves that suit single rays.
 const LEAF_SIZE: usize = 16;
 
+/// World, attributes and tree of a base triangle, as a bake counts them, and the copies of a vertex, bytes.
+const TRIANGLE_BYTES: u64 = 620;
+const VERTEX_BYTES: u64 = 128;
+
+/// Upper bound of what tracing an asset takes: instances share chunks, but not what is made of them.
+fn traced_bytes(asset: &Asset) -> u64 {
+    let primitives = (0..asset.objects().len()).flat_map(|object| asset.base(object));
+    let geometry = |p: BasePrimitive| TRIANGLE_BYTES * p.triangles.len() as u64 + VERTEX_BYTES * p.positions.len() as u64;
+    let textures = asset.textures().iter().map(|texture| texture.texels.len() as u64).sum::<u64>();
+    primitives.map(geometry).fold(textures, u64::saturating_add)
+}
+
 impl<'a> Truth<'a> {
-    /// Prepares references of `samples` paths a pixel. `bounces`: [`usual_bounces`] unless it is said.
-    pub fn new(asset: &'a Asset, environment: &'a Environment, samples: u32, bounces: Option<u32>) -> Self {
-        Truth::moved(asset, environment, samples, bounces, &[]).expect("nothing moves")
+    /// Prepares references of `samples` paths a pixel, if the budget of the asset has room for geometry that rays can meet. `bounces`: [`usual_bounces`] unless it is said.
+    pub fn new(asset: &'a Asset, environment: &'a Environment, samples: u32, bounces: Option<u32>) -> Result<Self, Failure> {
+        Truth::moved(asset, environment, samples, bounces, &[])
     }
 
     /// [`Truth::new`] of objects that are not where the scene has them.
     ///
     /// # Errors
-    /// An object that does not move, or is not there.
+    /// An object that does not move, or is not there; what does not fit the asset's budget.
     pub fn moved(asset: &'a Asset, environment: &'a Environment, samples: u32, bounces: Option<u32>, moves: &[Move]) -> Result<Self, Failure> {
         let bounces = bounces.unwrap_or_else(|| usual_bounces(asset));
+        let (what, needed, budget) = ("tracing the geometry".to_string(), traced_bytes(asset), asset.budget());
+        let refused = || RuntimeError::Memory { what, needed, limit: budget.left() };
+        let held = budget.charge(needed).ok_or_else(refused)?;
         let mut scene = scene_from_asset(asset);
         for Move { name, pose } in moves {
             let object = asset.objects().iter().position(|object| object.name == *name);
@@ -85,7 +104,7 @@ impl<'a> Truth<'a> {
         }
         let world = World::build(&scene);
         let occluders = Occluders::build(&world, &scene.textures, OccluderOptions { leaf_size: LEAF_SIZE, ..OccluderOptions::default() });
-        Ok(Truth { asset, environment, scene, world, occluders, samples, bounces })
+        Ok(Truth { asset, environment, scene, world, occluders, samples, bounces, _held: held })
     }
 
     /// Traces a picture.

@@ -28,7 +28,7 @@ pub struct UnpackArgs {
 pub fn run(args: UnpackArgs, context: &Context) -> Result<Summary, Failure> {
     let source = context.open_pack(&args.file).map_err(|error| meant(&args.file).unwrap_or_else(|| error.into()))?;
     let name = args.file.display().to_string();
-    let mut manifest = super::read::parse_asset(&args.file, &source.manifest()?)?;
+    let mut manifest = super::read::parse_asset(&args.file, &source.manifest()?, &source.budget())?;
     let output = args.output.unwrap_or_else(|| default_output(&args.file));
     let folder = context.store.clone().unwrap_or_else(|| default_store(&output));
     let mut summary = Summary::new();

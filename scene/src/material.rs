@@ -171,16 +171,19 @@ fn plain_uses(json: &gltf::json::Material) -> Vec<Use> {
     uses
 }
 
+/// Largest factor: what an asset may hold.
+const LARGEST: f32 = 1e18;
+
 fn clamped(material: &Material) -> Material {
     let within = |x: f32| x.clamp(0.0, 1.0);
     Material {
         base_color: material.base_color.map(within),
         metallic: within(material.metallic),
         roughness: within(material.roughness),
-        emissive: material.emissive.map(|e| e.max(0.0)),
-        ior: if material.ior > 0.0 { material.ior.max(1.0) } else { 0.0 },
+        emissive: material.emissive.map(|e| e.clamp(0.0, LARGEST)),
+        ior: if material.ior > 0.0 { material.ior.clamp(1.0, LARGEST) } else { 0.0 },
         specular: within(material.specular),
-        specular_color: material.specular_color.map(|x| x.max(0.0)),
+        specular_color: material.specular_color.map(|x| x.clamp(0.0, LARGEST)),
         anisotropy: within(material.anisotropy),
         clearcoat: within(material.clearcoat),
         clearcoat_roughness: within(material.clearcoat_roughness),

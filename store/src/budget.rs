@@ -49,8 +49,14 @@ impl Budget {
         let _ = self.0.limit.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |limit| Some(limit.saturating_add(by)));
     }
 
+    /// Bytes that may still be taken.
+    pub fn left(&self) -> u64 {
+        let own = self.limit().saturating_sub(self.used());
+        self.0.outer.as_ref().map_or(own, |outer| own.min(outer.left()))
+    }
+
     /// Takes bytes until the charge is dropped; `None` when they are not left.
-    pub(crate) fn charge(&self, bytes: u64) -> Option<Charge> {
+    pub fn charge(&self, bytes: u64) -> Option<Charge> {
         let outer = match &self.0.outer {
             Some(outer) => Some(Box::new(outer.charge(bytes)?)),
             None => None,
@@ -68,9 +74,9 @@ impl Default for Budget {
     }
 }
 
-/// Bytes of a budget that are taken.
+/// Bytes of a budget that are taken, until this is dropped.
 #[derive(Debug)]
-pub(crate) struct Charge {
+pub struct Charge {
     budget: Budget,
     bytes: u64,
     /// A charge of as many bytes to the budget around it.

@@ -85,9 +85,10 @@ pub struct CheckReport {
 
 impl CheckReport {
     fn add(&mut self, part: CheckReport) {
-        self.files += part.files;
-        self.chunks += part.chunks;
-        self.bytes += part.bytes;
+        // A note may have said anything.
+        self.files = self.files.saturating_add(part.files);
+        self.chunks = self.chunks.saturating_add(part.chunks);
+        self.bytes = self.bytes.saturating_add(part.bytes);
         self.findings.extend(part.findings);
     }
 
@@ -133,7 +134,7 @@ impl Store {
                         done.push((i, metadata, part));
                         let bytes: u64 = done.iter().map(|(.., part): &(usize, Option<Metadata>, CheckReport)| part.bytes).sum();
                         drop(done);
-                        if !go_on(before + bytes) {
+                        if !go_on(before.saturating_add(bytes)) {
                             stop.store(true, Ordering::Relaxed);
                         }
                     }

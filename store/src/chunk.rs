@@ -1,7 +1,7 @@
 //! A chunk in memory, and where chunks come from.
 
-use crate::StoreError;
 use crate::aligned::{AlignedBytes, is_aligned};
+use crate::{Budget, StoreError};
 use prelight_manifests::{Descriptor, Digest};
 use std::fmt;
 use std::ops::{Deref, Range};
@@ -15,17 +15,30 @@ pub trait ChunkSource: Send + Sync {
     /// [`StoreError::Missing`], [`StoreError::Corrupt`], [`StoreError::Size`] when the descriptor's length is another one, and what the
     /// system says when files cannot be read.
     fn chunk(&self, descriptor: &Descriptor) -> Result<Chunk, StoreError>;
+
+    /// Memory that what is made of its chunks may take, where nobody says otherwise: what its own decoding is charged to.
+    fn budget(&self) -> Budget {
+        Budget::default()
+    }
 }
 
 impl<S: ChunkSource + ?Sized> ChunkSource for Arc<S> {
     fn chunk(&self, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
         (**self).chunk(descriptor)
     }
+
+    fn budget(&self) -> Budget {
+        (**self).budget()
+    }
 }
 
 impl<S: ChunkSource + ?Sized> ChunkSource for &S {
     fn chunk(&self, descriptor: &Descriptor) -> Result<Chunk, StoreError> {
         (**self).chunk(descriptor)
+    }
+
+    fn budget(&self) -> Budget {
+        (**self).budget()
     }
 }
 

@@ -196,4 +196,8 @@ impl ChunkSource for MemorySource {
         self.decoded.note(descriptor.digest, &chunk);
         Ok(chunk)
     }
+
+    fn budget(&self) -> Budget {
+        self.budget.clone()
+    }
 }

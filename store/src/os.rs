@@ -70,12 +70,15 @@ pub(crate) struct Metadata {
     modified: FileTime,
     /// When anything about it changed last, which nobody can set; where the system has no such time, as `modified`.
     changed: FileTime,
+    /// Number of its owner, and whether others may write to it; where the system has no owners, 0 and no.
+    owner: u32,
+    is_open_to_others: bool,
 }
 
 impl Metadata {
     /// A file that is none of the system's.
     pub fn of_file(len: u64, modified: FileTime) -> Self {
-        Metadata { kind: Kind::File, len, modified, changed: modified }
+        Metadata { kind: Kind::File, len, modified, changed: modified, owner: 0, is_open_to_others: false }
     }
 
     pub fn is_file(&self) -> bool {
@@ -84,6 +87,11 @@ impl Metadata {
 
     pub fn len(&self) -> u64 {
         self.len
+    }
+
+    /// Whether nobody but the owner of the other one, and whoever may do anything, could have written it.
+    pub fn is_private_to(&self, other: &Metadata) -> bool {
+        self.owner == other.owner && !self.is_open_to_others
     }
 
     pub fn changed(&self) -> FileTime {
@@ -153,6 +161,11 @@ pub(crate) fn make_dir(path: &RootedPath) -> Result<(), StoreError> {
 /// Opens a new file for writing; one that is there is an error.
 pub(crate) fn create(path: &RootedPath) -> Result<File, StoreError> {
     before("create", path).and_then(|()| system::create(path)).map_err(fail("make the file", path))
+}
+
+/// As [`create`], of a file that nobody else may read or write; with what the system knows about it.
+pub(crate) fn create_private(path: &RootedPath) -> Result<(File, Metadata), StoreError> {
+    before("create", path).and_then(|()| system::create_private(path)).map_err(fail("make the file", path))
 }
 
 /// Writes `parts` one after the other into a new file and gives its length.

@@ -30,6 +30,10 @@ impl ChunkSource for Store {
         self.inner.decoded.note(descriptor.digest, &chunk);
         Ok(chunk)
     }
+
+    fn budget(&self) -> Budget {
+        self.inner.budget.clone()
+    }
 }
 
 impl Inner {

@@ -166,6 +166,22 @@ fn a_note_is_not_believed_over_bytes_that_changed_nor_in_another_store_nor_for_l
     }
     std::fs::write(&pack, &good).unwrap();
     stop();
+    // Of another user, where that can be had, and one that others may write to.
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::{PermissionsExt, chown};
+        let mode = |mode: u32| std::fs::set_permissions(&state, std::fs::Permissions::from_mode(mode)).unwrap();
+        assert_eq!(std::fs::metadata(&state).unwrap().permissions().mode() & 0o077, 0, "a note is its owner's");
+        for open in [0o620, 0o602] {
+            mode(open);
+            assert!(!go_on().resumed, "{open:o}");
+            stop();
+        }
+        if chown(&state, Some(12345), None).is_ok() {
+            assert!(!go_on().resumed, "somebody else's");
+            stop();
+        }
+    }
     let past = std::time::SystemTime::now() - std::time::Duration::from_secs(2 * 86_400);
     std::fs::File::options().append(true).open(&state).unwrap().set_modified(past).unwrap();
     assert!(!go_on().resumed, "bytes go bad by lying there");

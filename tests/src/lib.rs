@@ -1,7 +1,11 @@
 //! Scenes and paths that the tests of this package share.
 
+pub mod corpus;
+pub mod forge;
 pub mod fuzzed;
 pub mod imports;
+pub mod mutate;
+pub mod recipe;
 
 use prelight_bake::bake::{Baked, bake};
 use prelight_bake::options::BakeOptions;

@@ -7,79 +7,16 @@ use prelight_manifests::{ChunkKind, Descriptor, Digest, Dtype};
 use prelight_runtime::environment::Environment;
 use prelight_store::pack::PackBuilder;
 use prelight_store::{FormChoice, Record, Store, digest_of};
+use prelight_tests::corpus::{folder, mutation, seeds};
 use prelight_tests::fuzzed::{TARGETS, Target};
+use prelight_tests::mutate::{mutate, number};
 use prelight_tests::{quad, scene};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Mutations of each seed in CI.
+/// Mutations of each seed in CI; of assets, which are drawn and traced, fewer.
 const MUTATIONS: u64 = 150;
-
-fn corpus(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(name)
-}
-
-fn seeds(name: &str) -> Vec<Vec<u8>> {
-    let entries = std::fs::read_dir(corpus(name)).unwrap_or_else(|_| panic!("no corpus for {name}"));
-    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
-    if name == "gltf" {
-        // Compressed, instanced and quantised files of the tools that people use.
-        let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scene/tests/fixtures");
-        paths.extend(std::fs::read_dir(fixtures).unwrap().map(|entry| entry.unwrap().path()));
-    }
-    paths.sort();
-    paths.iter().map(|path| std::fs::read(path).unwrap()).collect()
-}
-
-/// The `n`-th number of a seed.
-fn number(seed: u64, n: u64) -> u64 {
-    let hash = digest_of(&[seed.to_le_bytes(), n.to_le_bytes()].concat());
-    u64::from_le_bytes(hash.0[..8].try_into().unwrap())
-}
-
-/// Bits, bytes and words changed, parts cut out, doubled, and spliced in from another seed.
-fn mutate(bytes: &[u8], other: &[u8], seed: u64) -> Vec<u8> {
-    const WORDS: [u64; 8] = [0, 1, 0x7F, 0xFF, 0x7FFF_FFFF, 0xFFFF_FFFF, u64::MAX / 2, u64::MAX];
-    let mut bytes = bytes.to_vec();
-    let mut n = 0;
-    let mut below = |limit: usize| {
-        n += 1;
-        (number(seed, n) % limit.max(1) as u64) as usize
-    };
-    for _ in 0..1 + below(4) {
-        if bytes.is_empty() {
-            bytes.extend_from_slice(other);
-        }
-        let len = bytes.len();
-        let at = below(len);
-        match below(7) {
-            0 => bytes[at] ^= 1 << below(8),
-            1 => bytes[at] = below(256) as u8,
-            2 | 3 => {
-                // A field of four or eight bytes, mostly where formats keep theirs.
-                let width = [4, 8][below(2)];
-                let at = at / width * width;
-                let word = if below(3) == 0 { below(1 << 20) as u64 } else { WORDS[below(8)] };
-                let end = (at + width).min(len);
-                bytes[at..end].copy_from_slice(&word.to_le_bytes()[..end - at]);
-            }
-            4 => bytes.truncate(at),
-            5 => {
-                let end = at + below(len - at + 1);
-                let part = bytes[at..end].to_vec();
-                bytes.splice(at..at, part);
-            }
-            _ => {
-                let from = below(other.len());
-                let part = other.get(from..from + below(64).min(other.len() - from)).unwrap_or_default().to_vec();
-                let end = (at + part.len()).min(len);
-                bytes.splice(at..end, part);
-            }
-        }
-        bytes.truncate(1 << 20);
-    }
-    bytes
-}
+const ASSET_MUTATIONS: u64 = 15;
 
 /// Runs a target; a panic says which bytes it was.
 fn try_bytes((name, target): Target, bytes: &[u8], what: &str) {
@@ -100,7 +37,7 @@ fn check(name: &str) {
     for (i, seed) in seeds.iter().enumerate() {
         assert!(seed.len() <= 64 << 10, "corpora are small");
         try_bytes(target, seed, &format!("seed {i}"));
-        for k in 0..MUTATIONS {
+        for k in 0..if name == "asset" { ASSET_MUTATIONS } else { MUTATIONS } {
             let other = &seeds[(number(k, 0) % seeds.len() as u64) as usize];
             try_bytes(target, &mutate(seed, other, k), &format!("seed {i}, mutation {k}"));
         }
@@ -110,8 +47,7 @@ fn check(name: &str) {
     let mut count = 0u64;
     while start.elapsed() < Duration::from_secs(seconds) {
         let seed = first.wrapping_add(count);
-        let pick = |n| &seeds[(number(seed, n) % seeds.len() as u64) as usize];
-        try_bytes(target, &mutate(pick(1 << 40), pick(1 << 41), seed), &format!("seed {seed}"));
+        try_bytes(target, &mutation(&seeds, seed), &format!("seed {seed}"));
         count += 1;
     }
     eprintln!("{name}: {count} mutations in {seconds} s from {first}");
@@ -145,6 +81,12 @@ targets! {
     visibility_chunks = "visibility",
     other_chunks = "chunk",
     environments = "environment",
+    scene_files = "scene",
+    transfer_chunks = "transfer",
+    textures = "texture",
+    measured_surfaces = "brdf",
+    notes_of_checks = "state",
+    spoilt_assets = "asset",
 }
 
 /// The seeds of a target, made by the writers of its formats.
@@ -152,7 +94,7 @@ fn write_seeds(name: &str) {
     if std::env::var_os("PRELIGHT_WRITE_CORPUS").is_none() {
         return;
     }
-    let folder = corpus(name);
+    let folder = folder(name);
     std::fs::create_dir_all(&folder).unwrap();
     for (file, bytes) in made(name) {
         std::fs::write(folder.join(file), bytes).unwrap();
@@ -176,10 +118,23 @@ fn made(name: &str) -> Vec<(String, Vec<u8>)> {
         "segment" => list(vec![segment()]),
         "manifest" => {
             let (manifest, _) = tiny();
-            let scene =
-                "format = 1\n[scene]\ngltf = \"a.glb\"\n[bake]\nquality = \"medium\"\nedge_length = 0.05\n[[object]]\nmatch = \"*\"\n";
-            list(vec![manifest.into_bytes(), scene.as_bytes().to_vec()])
+            list(vec![manifest.into_bytes()])
         }
+        "scene" => list(vec![SCENE.as_bytes().to_vec(), b"{a,b*}/[c-d]?".to_vec()]),
+        "transfer" | "texture" | "brdf" => {
+            let kind = ChunkKind::from_name(name).unwrap();
+            let forge = prelight_tests::recipe::cook(&[]);
+            list(forge.of_kind(kind).iter().map(|digest| forge.plain(digest).to_vec()).collect())
+        }
+        "state" => list(vec![
+            format!("seen {}\ndone packs/a.pack\ncounts 1 2 3\nfinding packs/a.pack\t64\t-\tis wrong\n", "0".repeat(64)).into_bytes(),
+        ]),
+        // Every kind of step once, and one that was a fault: an object without points whose material is not there.
+        "asset" => list(
+            (0..8u8)
+                .map(|i| (0..4u8).flat_map(|k| [i * 2 + k % 2, k, i, k, 9 * i, k, 0, 0, 7 + i, 0, 0, 0, 0, 0, 0, 0]).collect())
+                .collect(),
+        ),
         "gltf" => list(vec![glb(), br#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":4,"uri":"data:;base64,AAAAAA=="}]}"#.to_vec()]),
         "visibility" | "chunk" => {
             let chunks = tiny().1;
@@ -198,6 +153,28 @@ fn made(name: &str) -> Vec<(String, Vec<u8>)> {
         _ => unreachable!("{name} has seeds"),
     }
 }
+
+const SCENE: &str = r#"format = 1
+[scene]
+gltf = "a.glb"
+[bake]
+quality = "medium"
+edge_length = 0.05
+technique = "block_product"
+[limits]
+memory = "2GiB"
+[[environment]]
+name = "noon"
+image = "noon.hdr"
+rotate_y_deg = 30.0
+[[object]]
+match = "Sofa*"
+edge_length = 0.02
+max_error = 0.05
+[[material]]
+match = "*"
+roughness = 0.5
+"#;
 
 fn segment() -> Vec<u8> {
     let dir = tempfile::tempdir().unwrap();

@@ -6,12 +6,12 @@
 //! record       data: version u8, then rows, ascending: H(knobs, limit) 16, points u64, triangles u64
 //! ```
 //!
-//! A row is what [`count_object`] says, to the number, so the search takes the same steps with and without it. Records are a cache.
+//! A row is what [`crate::points::count::count_object`] says, to the number, so the search takes the same steps with and without it. Records are a cache.
 
 use crate::error::{BakeError, PlanError};
 use crate::mesh::PointParams;
 use crate::mesh::weld::BaseMesh;
-use crate::points::count::{PointCount, count_object, longest_edge};
+use crate::points::count::{PointCount, count_object_until, longest_edge};
 use crate::reach::key::Hasher;
 use prelight_manifests::Digest;
 use prelight_scene::world::World;
@@ -37,6 +37,7 @@ pub struct Counts {
     /// `[objects]`.
     keys: Vec<Digest>,
     objects: Vec<Mutex<Rows>>,
+    stop: Option<fn() -> bool>,
 }
 
 impl Counts {
@@ -54,7 +55,14 @@ impl Counts {
             Ok(Mutex::new(Rows { rows, has_new: false }))
         };
         let objects = keys.iter().map(known).collect::<Result<_, _>>()?;
-        Ok(Counts { keys, objects })
+        Ok(Counts { keys, objects, stop: None })
+    }
+
+    /// The same, that ends early once `stop` says so: figures are then of no use, are not kept, and whoever asked looks at `stop` as well.
+    #[must_use]
+    pub fn stopping(mut self, stop: fn() -> bool) -> Self {
+        self.stop = Some(stop);
+        self
     }
 
     /// Records what is new.
@@ -77,12 +85,12 @@ impl Counts {
         Ok(())
     }
 
-    fn row(&self, object: usize, name: [u8; 16], count: impl FnOnce() -> PointCount) -> PointCount {
-        let Some(rows) = self.objects.get(object) else { return count() };
+    fn row(&self, object: usize, name: [u8; 16], count: impl FnOnce() -> Option<PointCount>) -> PointCount {
+        let Some(rows) = self.objects.get(object) else { return count().unwrap_or_default() };
         if let Some(known) = rows.lock().expect("no panic under this lock").rows.get(&name) {
             return *known;
         }
-        let counted = count();
+        let Some(counted) = count() else { return PointCount::default() };
         let mut rows = rows.lock().expect("no panic under this lock");
         rows.rows.insert(name, counted);
         rows.has_new = true;
@@ -108,9 +116,10 @@ impl<'a> Counter<'a> {
         self.welded[object].get_or_init(|| BaseMesh::build(self.scene, self.world, object))
     }
 
-    /// [`count_object`] of an object.
+    /// [`count_object_until`] of an object.
     pub(crate) fn count(&self, object: usize, params: &PointParams, enough: u64) -> PointCount {
-        self.counts.row(object, name_of(params, enough), || count_object(self.base(object), params, enough))
+        let stop = || self.counts.stop.is_some_and(|stop| stop());
+        self.counts.row(object, name_of(params, enough), || count_object_until(self.base(object), params, enough, &stop))
     }
 
     /// Points before leaks are split.
@@ -144,7 +153,10 @@ impl<'a> Counter<'a> {
 
     /// [`Counter::total`] of some objects.
     pub(crate) fn total_where(&self, params: &PointParams, enough: u64, keep: impl Fn(usize) -> bool + Sync) -> PointCount {
-        let add = |a: PointCount, b: PointCount| PointCount { points: a.points + b.points, triangles: a.triangles + b.triangles };
+        let add = |a: PointCount, b: PointCount| PointCount {
+            points: a.points.saturating_add(b.points),
+            triangles: a.triangles.saturating_add(b.triangles),
+        };
         let objects = (0..self.welded.len()).into_par_iter().filter(|object| keep(*object));
         objects.map(|object| self.count(object, params, enough)).reduce(PointCount::default, add)
     }
@@ -154,7 +166,7 @@ impl<'a> Counter<'a> {
         let longest = |object: usize| {
             // The number's bits in the place of points.
             let name = Hasher::new("prelight longest edge").finish_short();
-            let row = || PointCount { points: longest_edge(self.base(object)).to_bits(), triangles: 0 };
+            let row = || Some(PointCount { points: longest_edge(self.base(object)).to_bits(), triangles: 0 });
             f64::from_bits(self.counts.row(object, name, row).points)
         };
         (0..self.welded.len()).into_par_iter().map(longest).reduce(|| 0.0, f64::max)

@@ -9,6 +9,7 @@
 mod attributes;
 pub(crate) mod cells;
 pub mod edge;
+pub mod extent;
 pub(crate) mod morton;
 pub mod origin;
 pub mod params;

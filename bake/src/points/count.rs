@@ -22,9 +22,17 @@ pub(crate) struct PointCount {
     pub triangles: u64,
 }
 
+/// Asked now and then whether somebody wants the work to end.
+pub(crate) type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+
 /// Counts one object. Stops early, with a figure above it, once more than `enough` triangles are counted.
 pub(crate) fn count_object(base: &BaseMesh, params: &PointParams, enough: u64) -> PointCount {
-    let mut counter = Counter { rule: EdgeRule::new(params), max_level: params.max_level, enough, faces: 0 };
+    count_object_until(base, params, enough, &|| false).unwrap_or_default()
+}
+
+/// [`count_object`]; `None` once `stop` says so, which is asked for every cell.
+pub(crate) fn count_object_until(base: &BaseMesh, params: &PointParams, enough: u64, stop: Stop) -> Option<PointCount> {
+    let mut counter = Counter { rule: EdgeRule::new(params), max_level: params.max_level, enough, faces: 0, stop };
     let end = |p: u32| (End { position: base.points.position[p as usize], normal: base.points.normal[p as usize] }, 0);
     let sides = |primitive: u32| if base.primitives[primitive as usize].double_sided { 2 } else { 1 };
 
@@ -34,8 +42,11 @@ pub(crate) fn count_object(base: &BaseMesh, params: &PointParams, enough: u64) -
         let corners = base.corner_points(index as u32);
         let before = counter.faces;
         cut(&mut counter, corners.map(end));
+        if stop() {
+            return None;
+        }
         if counter.is_full() {
-            return PointCount { points, triangles: counter.faces };
+            return Some(PointCount { points, triangles: counter.faces });
         }
         let faces = counter.faces - before;
         let border: u64 = (0..3).map(|k| counter.pieces(end(corners[k]), end(corners[(k + 1) % 3]))).sum();
@@ -52,27 +63,28 @@ pub(crate) fn count_object(base: &BaseMesh, params: &PointParams, enough: u64) -
         let (baked, all) = count_representatives(base, params);
         points -= all - baked;
     }
-    PointCount { points, triangles: counter.faces }
+    Some(PointCount { points, triangles: counter.faces })
 }
 
-struct Counter {
+struct Counter<'a> {
     rule: EdgeRule,
     max_level: u32,
     enough: u64,
     faces: u64,
+    stop: Stop<'a>,
 }
 
 /// An end and its level.
 type Node = (End, u32);
 
-impl Counter {
+impl Counter<'_> {
     /// Pieces that an edge ends in.
     fn pieces(&mut self, a: Node, b: Node) -> u64 {
         self.middle(a, b).map_or(1, |m| self.pieces(a, m) + self.pieces(m, b))
     }
 }
 
-impl Cut for Counter {
+impl Cut for Counter<'_> {
     type Node = Node;
 
     fn middle(&mut self, (a, i): Node, (b, j): Node) -> Option<Node> {
@@ -92,7 +104,7 @@ impl Cut for Counter {
     }
 
     fn is_full(&self) -> bool {
-        self.faces > self.enough
+        self.faces > self.enough || (self.stop)()
     }
 }
 

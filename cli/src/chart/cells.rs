@@ -104,8 +104,11 @@ impl Chart<'_> {
     /// The reference of a cell, from the store or traced.
     fn reference<'a>(&'a self, light: &'a ChartLight, view: &ChartView, truth: &mut Option<Truth<'a>>) -> Result<KeptReference, Failure> {
         kept_or_traced(self.store, self.key(light, view, &[]), self.args.size(), || {
-            let truth =
-                truth.get_or_insert_with(|| Truth::new(self.cells.asset, &light.environment, self.args.reference, Some(self.bounces())));
+            let new = || Truth::new(self.cells.asset, &light.environment, self.args.reference, Some(self.bounces()));
+            let truth = match truth {
+                Some(truth) => truth,
+                None => truth.insert(new()?),
+            };
             truth.picture(
                 &Picture {
                     camera: view.camera,
@@ -163,7 +166,7 @@ impl Chart<'_> {
         const SAMPLES: u32 = 2;
         let (width, height) = self.args.size;
         let small = [(width / SHARE).max(1), (height / SHARE).max(1)];
-        let probe = Truth::new(self.cells.asset, &light.environment, SAMPLES, Some(self.bounces()));
+        let probe = Truth::new(self.cells.asset, &light.environment, SAMPLES, Some(self.bounces()))?;
         let size = small.map(|side| side as usize);
         let traced = probe
             .picture(&Picture { camera: view.camera, size, samples: 1, clay: false, direct: false, moves: Vec::new(), shadows: true }, self.context)?;

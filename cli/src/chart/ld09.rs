@@ -227,9 +227,11 @@ impl Ld09<'_> {
         let [width, height] = picture.size;
         hasher.update(format!("ld09 {width} {height} {} {} {ALGORITHM_VERSION}", self.args.reference, bounces).as_bytes());
         kept_or_traced(self.store, Digest(*hasher.finalize().as_bytes()), picture.size, || {
-            truth
-                .get_or_insert_with(|| Truth::new(asset, &light.environment, self.args.reference, Some(bounces)))
-                .picture(&picture, self.context)
+            let truth = match truth {
+                Some(truth) => truth,
+                None => truth.insert(Truth::new(asset, &light.environment, self.args.reference, Some(bounces))?),
+            };
+            truth.picture(&picture, self.context)
         })
     }
 

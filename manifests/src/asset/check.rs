@@ -24,6 +24,9 @@ impl AssetManifest {
         if content.face_resolution != 64 && content.face_resolution != 128 {
             return Err(checker.range("content.face_resolution".into(), content.face_resolution, "64 or 128"));
         }
+        for (i, corner) in content.bounds.iter().flatten().enumerate().filter(|(_, x)| !x.is_finite()) {
+            return Err(checker.range(format!("content.bounds[{}]", i / 3), corner, "finite numbers"));
+        }
         checker.kind("content.materials", &content.materials, ChunkKind::Materials)?;
         checker.kind("content.cameras", &content.cameras, ChunkKind::Cameras)?;
         checker.kind("content.names", &content.names, ChunkKind::Names)?;
@@ -58,8 +61,11 @@ impl Checker<'_> {
     }
 
     fn object(&self, field: &str, object: &AssetObject) -> Result<(), ManifestError> {
-        if object.edge_length <= 0.0 {
-            return Err(self.range(format!("{field}.edge_length"), object.edge_length, "a length above 0"));
+        if !(object.edge_length > 0.0 && object.edge_length.is_finite()) {
+            return Err(self.range(format!("{field}.edge_length"), object.edge_length, "a finite length above 0"));
+        }
+        if let Some(bad) = object.world_from_local.iter().find(|x| !x.is_finite()) {
+            return Err(self.range(format!("{field}.world_from_local"), bad, "finite numbers"));
         }
         self.kind(&format!("{field}.base"), &object.base, ChunkKind::Base)?;
         self.kind(&format!("{field}.mesh"), &object.mesh, ChunkKind::Mesh)?;

@@ -3,6 +3,7 @@
 //! Objects, patches and points are numbered through the whole asset: object `o` owns the patches `objects[o].patches`, a patch owns the
 //! points `patches[p].points`.
 
+use super::account::{Account, charge, check_repeats, list_bytes, listed_bytes, point_bytes};
 use super::options::OpenOptions;
 use super::proof::PatchFacts;
 use crate::block_product::visibility::Visibility;
@@ -17,11 +18,13 @@ use crate::error::RuntimeError;
 use crate::light::layer::{Factors, Patch};
 use crate::square_light::field::FieldChunk;
 use crate::square_light::pose::{Pose, split};
-use crate::surface::{Material, Model, Texture};
+use crate::surface::detail::has_detail;
+use crate::surface::{Material, Texture};
 use crate::vmf_transfer::Transfer;
-use prelight_manifests::asset::AssetMover;
+use prelight_manifests::asset::{AssetContent, AssetMover};
 use prelight_manifests::{AssetManifest, ChunkKind, Descriptor, Digest};
-use prelight_store::{Chunk, ChunkSource};
+use prelight_store::{Budget, Chunk, ChunkSource};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -37,6 +40,7 @@ pub struct Asset {
     patches: Vec<AssetPatch>,
     /// First nodes of the patches that links of bounced light name; empty where there are none.
     link_targets: Arc<[u32]>,
+    account: Account,
 }
 
 /// An object of an open asset.
@@ -113,14 +117,17 @@ impl Asset {
             return Err(RuntimeError::Chunk { kind: "asset", digest: manifest.asset_digest.short(), what });
         }
         let content = &manifest.content;
-        let materials: Vec<Material> = parse_json("materials", source, &content.materials)?;
-        let cameras: Vec<SceneCamera> = parse_json("cameras", source, &content.cameras)?;
+        let refused = |what: String| RuntimeError::Chunk { kind: "asset", digest: manifest.asset_digest.short(), what };
+        check_repeats(content).map_err(refused)?;
+        let mut account = Account::new(options.budget_of(source));
+        account.take("the manifest", listed_bytes(content))?;
+        let materials: Vec<Material> = parse_json("materials", source, &content.materials, &mut account)?;
+        let cameras: Vec<SceneCamera> = parse_json("cameras", source, &content.cameras, &mut account)?;
         let textures: Vec<Chunk> = content.textures.iter().map(|texture| source.chunk(texture)).collect::<Result<_, _>>()?;
         for (chunk, descriptor) in textures.iter().zip(&content.textures) {
             Texture::from_chunk(chunk).map_err(|error| named(error, descriptor))?;
         }
-        let table = |descriptor: &Descriptor| Measured::from_chunk(&source.chunk(descriptor)?).map_err(|error| named(error, descriptor));
-        let tables = content.brdfs.iter().map(table).collect::<Result<Vec<_>, RuntimeError>>()?;
+        let tables = open_tables(content, source, &mut account)?;
         let (mut objects, mut patches, mut wanted) = (Vec::new(), Vec::new(), Vec::new());
         let mut n_points = 0;
         for object in &content.objects {
@@ -129,15 +136,15 @@ impl Asset {
                 wanted.push((patch, n_points..n_points + patch.n_points as usize));
                 n_points += patch.n_points as usize;
             }
-            let mesh = source.chunk(&object.mesh)?;
-            Mesh::from_chunk(&mesh, object.n_points).map_err(|error| named(error, &object.mesh))?;
-            let base = source.chunk(&object.base)?;
-            base::from_chunk(&base).map_err(|error| named(error, &object.base))?;
+            let (mesh, base) = (source.chunk(&object.mesh)?, source.chunk(&object.base)?);
             let (points, patches) = (first_point..n_points, first_patch..wanted.len());
             let (name, world_from_local, edge_length) = (object.name.clone(), object.world_from_local, object.edge_length);
             let moves = object.moves.as_ref().map(|moves| Mover::open(moves, &world_from_local, source)).transpose()?;
             objects.push(AssetObject { name, points, patches, world_from_local, edge_length, moves, base, mesh });
         }
+        let per_point = point_bytes(content, materials.iter().any(|m| m.normal_texture.is_some()), materials.iter().any(has_detail));
+        account.take("the light at its points", per_point.saturating_mul(n_points as u64))?;
+        prove_meshes(&objects, content, &mut account)?;
         let opening = Opening { options, source, face_resolution: content.face_resolution as usize, n_materials: materials.len() };
         let open = |(patch, points): &(&prelight_manifests::asset::AssetPatch, Range<usize>)| opening.patch(patch, points.clone());
         #[cfg(feature = "parallel")]
@@ -148,8 +155,8 @@ impl Asset {
         #[cfg(not(feature = "parallel"))]
         patches.extend(wanted.iter().map(open));
         let patches = patches.into_iter().collect::<Result<Vec<AssetPatch>, RuntimeError>>()?;
-        let mut asset = Asset { materials, cameras, textures, tables, objects, patches, manifest, link_targets: Arc::new([]) };
-        asset.check_references()?;
+        let mut asset = Asset { materials, cameras, textures, tables, objects, patches, manifest, account, link_targets: Arc::new([]) };
+        super::references::check(&asset)?;
         if asset.has_links() {
             asset.link_targets = bounces::solve::resolve(&asset.bounce_inputs(), &asset.points_digests())?.into();
         }
@@ -195,6 +202,11 @@ impl Asset {
     /// Textures, as materials number them.
     pub fn textures(&self) -> Vec<Texture<'_>> {
         self.textures.iter().map(|chunk| Texture::from_chunk(chunk).expect(PROVEN)).collect()
+    }
+
+    /// Number of textures.
+    pub(crate) fn n_textures(&self) -> usize {
+        self.textures.len()
     }
 
     /// Measured surfaces, as materials number them.
@@ -250,28 +262,17 @@ impl Asset {
         chunks.map(|chunk| chunk.len() as u64).sum()
     }
 
-    /// Indices that cross chunks.
-    fn check_references(&self) -> Result<(), RuntimeError> {
-        let error = |kind, what: String| Err(RuntimeError::Chunk { kind, digest: self.manifest.asset_digest.short(), what });
-        let textures = self.textures.len() as u32;
-        for material in &self.materials {
-            if material.textures().any(|reference| reference.texture >= textures || reference.uv_set > 1) {
-                return error("materials", format!("material {:?} names a texture that is not there", material.name));
-            }
-            if matches!(material.model, Model::Measured { table } if table as usize >= self.tables.len()) {
-                return error("materials", format!("material {:?} names a measured table that is not there", material.name));
-            }
-        }
-        for (o, object) in self.objects.iter().enumerate() {
-            let in_base = self.base(o).into_iter().map(|primitive| primitive.material).max().unwrap_or(0);
-            let in_mesh = self.mesh(o).material.iter().copied().max().unwrap_or(0);
-            if in_base.max(in_mesh) as usize >= self.materials.len() && !self.objects[o].points.is_empty() {
-                return error("mesh", format!("object {:?} names a material that is not there", object.name));
-            }
-        }
-        Ok(())
+    /// What opening it was charged to: for what else is made of its chunks.
+    pub fn budget(&self) -> &Budget {
+        self.account.budget()
     }
 }
+
+/// Most measured surfaces that are different: each is integrated when it is opened, for some milliseconds.
+const MOST_TABLES: usize = 256;
+/// A vertex as seen by a camera, and a triangle in the lists of the raster, bytes.
+const VERTEX_BYTES: u64 = 24;
+const TRIANGLE_BYTES: u64 = 16;
 
 /// Why parsing again cannot fail.
 const PROVEN: &str = "parsed when the asset was opened, and chunks never change";
@@ -368,14 +369,54 @@ impl Factors for AssetPatch {
     }
 }
 
+/// Measured surfaces; one that is named again is made ready once.
+fn open_tables(content: &AssetContent, source: &dyn ChunkSource, account: &mut Account) -> Result<Vec<Measured>, RuntimeError> {
+    let mut known: BTreeMap<Digest, Measured> = BTreeMap::new();
+    for descriptor in &content.brdfs {
+        if known.contains_key(&descriptor.digest) {
+            continue;
+        }
+        if known.len() == MOST_TABLES {
+            let what = format!("more than {MOST_TABLES} measured surfaces");
+            return Err(RuntimeError::Chunk { kind: "brdf", digest: descriptor.digest.short(), what });
+        }
+        account.take("a measured surface", descriptor.bytes.saturating_add(1 << 14))?;
+        let table = Measured::from_chunk(&source.chunk(descriptor)?).map_err(|error| named(error, descriptor))?;
+        known.insert(descriptor.digest, table);
+    }
+    account.take("measured surfaces", 3 * size_of::<Measured>() as u64 * content.brdfs.len() as u64)?;
+    Ok(content.brdfs.iter().map(|descriptor| known[&descriptor.digest].clone()).collect())
+}
+
+/// Proves the geometry of all objects, after all of it was found, and charges what drawing it takes.
+fn prove_meshes(objects: &[AssetObject], content: &AssetContent, account: &mut Account) -> Result<(), RuntimeError> {
+    for (object, entry) in objects.iter().zip(&content.objects) {
+        let mesh = Mesh::from_chunk(&object.mesh, entry.n_points).map_err(|error| named(error, &entry.mesh))?;
+        if mesh.triangles.len() != entry.n_triangles as usize {
+            let (kind, digest) = ("mesh", entry.mesh.digest.short());
+            return Err(RuntimeError::Chunk { kind, digest, what: "holds another number of triangles than the manifest says".to_string() });
+        }
+        let primitives = base::from_chunk(&object.base).map_err(|error| named(error, &entry.base))?.len();
+        let drawn = VERTEX_BYTES * mesh.position.len() as u64 + TRIANGLE_BYTES * mesh.triangles.len() as u64;
+        account.take("drawing an object", drawn + (size_of::<BasePrimitive>() * primitives) as u64)?;
+    }
+    Ok(())
+}
+
 fn parse_json<T: serde::de::DeserializeOwned>(
     kind: &'static str,
     source: &dyn ChunkSource,
     descriptor: &Descriptor,
-) -> Result<T, RuntimeError> {
+    account: &mut Account,
+) -> Result<Vec<T>, RuntimeError> {
     let chunk = source.chunk(descriptor)?;
+    // Lists that grow need more than what is left of them in the end.
+    let growing = charge(account.budget(), kind, list_bytes::<T>(&chunk))?;
     let error = |error: serde_json::Error| RuntimeError::Chunk { kind, digest: descriptor.digest.short(), what: error.to_string() };
-    serde_json::from_slice(&chunk).map_err(error)
+    let list: Vec<T> = serde_json::from_slice(&chunk).map_err(error)?;
+    drop(growing);
+    account.take(kind, 4 * size_of::<T>() as u64 * list.len() as u64 + 4 * chunk.len() as u64)?;
+    Ok(list)
 }
 
 /// Adds the digest that the parser of a chunk does not know.

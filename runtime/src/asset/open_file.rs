@@ -1,9 +1,10 @@
 //! Opening an asset from disk, whichever way it lies there: `room.prelight`, or `room.prelight.json` beside its store.
 
+use super::account::{charge, manifest_bytes};
 use super::{Asset, OpenOptions};
 use crate::error::RuntimeError;
 use prelight_manifests::AssetManifest;
-use prelight_store::{MemorySource, Store};
+use prelight_store::{Budget, Mapping, MemorySource, StoreOptions};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -30,11 +31,19 @@ impl OpenOptions {
     /// As [`Asset::open_file`].
     pub fn open_file(&self, path: &Path, store: Option<&Path>) -> Result<Asset, RuntimeError> {
         if is_pack(path)? {
-            return self.open_source(&path.display().to_string(), &MemorySource::open_pack(path)?);
+            let source = match self.given_budget() {
+                Some(budget) => MemorySource::open_pack_sharing(path, Mapping::Auto, budget),
+                None => MemorySource::open_pack(path),
+            };
+            return self.open_source(&path.display().to_string(), &source?);
         }
         let manifest = self.read_manifest(path)?;
         let store = store.map(Path::to_path_buf).unwrap_or_else(|| store_of(path, &manifest));
-        self.open(manifest, &Store::open(store)?)
+        let options = match self.given_budget() {
+            Some(budget) => StoreOptions::new().budget(budget.clone()),
+            None => StoreOptions::new(),
+        };
+        self.open(manifest, &options.open(store)?)
     }
 
     fn read_manifest(&self, path: &Path) -> Result<AssetManifest, RuntimeError> {
@@ -45,6 +54,8 @@ impl OpenOptions {
             let (what, needed) = (format!("the manifest {}", path.display()), bytes.len() as u64);
             return Err(RuntimeError::Memory { what, needed, limit: MAX_MANIFEST });
         }
+        let budget = self.given_budget().cloned().unwrap_or_else(Budget::default);
+        let _parsing = charge(&budget, "the manifest", manifest_bytes(&bytes))?;
         let text = String::from_utf8(bytes)
             .map_err(|_| io(path)(std::io::Error::new(std::io::ErrorKind::InvalidData, "not an asset: not UTF-8 text")))?;
         Ok(AssetManifest::parse_with(&path.display().to_string(), &text, self.techniques())?)

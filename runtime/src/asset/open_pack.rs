@@ -8,6 +8,7 @@
 //! The arrays that shading reads are used where they lie: nothing of them is copied, neither from the program's bytes nor from a mapped
 //! file. Each chunk is verified against its digest when the asset is opened.
 
+use super::account::{charge, manifest_bytes};
 use super::{Asset, OpenOptions};
 use crate::error::RuntimeError;
 use prelight_manifests::AssetManifest;
@@ -40,8 +41,8 @@ impl OpenOptions {
     ///
     /// # Errors
     /// As [`Asset::open_static`].
-    pub(crate) fn open_static(&self, name: &str, bytes: &'static [u8]) -> Result<Asset, RuntimeError> {
-        let mut source = MemorySource::new();
+    pub fn open_static(&self, name: &str, bytes: &'static [u8]) -> Result<Asset, RuntimeError> {
+        let mut source = self.memory_source();
         source.add_static_pack(name, bytes)?;
         self.open_source(name, &source)
     }
@@ -50,14 +51,15 @@ impl OpenOptions {
     ///
     /// # Errors
     /// As [`Asset::open_static`].
-    pub(crate) fn open_bytes(&self, name: &str, bytes: &[u8]) -> Result<Asset, RuntimeError> {
-        let mut source = MemorySource::new();
+    pub fn open_bytes(&self, name: &str, bytes: &[u8]) -> Result<Asset, RuntimeError> {
+        let mut source = self.memory_source();
         source.add_pack(name, bytes)?;
         self.open_source(name, &source)
     }
 
     pub(super) fn open_source(&self, name: &str, source: &MemorySource) -> Result<Asset, RuntimeError> {
         let manifest = source.manifest()?;
+        let _parsing = charge(&self.budget_of(source), "the manifest", manifest_bytes(&manifest))?;
         let text = std::str::from_utf8(&manifest).map_err(|_| prelight_store::StoreError::Pack {
             name: name.to_string(),
             what: "its first chunk is not the manifest of an asset".to_string(),

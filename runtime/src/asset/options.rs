@@ -2,9 +2,10 @@
 
 use super::Asset;
 use super::proof::{PatchFacts, Proof, built_in};
+use crate::environment::Limits;
 use crate::error::RuntimeError;
 use prelight_manifests::{AssetManifest, ChunkKind, TechniqueInfo, Techniques};
-use prelight_store::ChunkSource;
+use prelight_store::{Budget, ChunkSource, MemorySource};
 use std::fmt;
 use std::sync::Arc;
 
@@ -24,6 +25,7 @@ use std::sync::Arc;
 pub struct OpenOptions {
     techniques: Techniques,
     proofs: Vec<(ChunkKind, Proof)>,
+    limits: Option<Limits>,
 }
 
 impl fmt::Debug for OpenOptions {
@@ -35,7 +37,7 @@ impl fmt::Debug for OpenOptions {
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        OpenOptions { techniques: Techniques::built_in(), proofs: built_in() }
+        OpenOptions { techniques: Techniques::built_in(), proofs: built_in(), limits: None }
     }
 }
 
@@ -64,6 +66,27 @@ impl OpenOptions {
         assert!(self.proof_of(kind).is_none(), "chunks of {kind} have a proof already");
         self.proofs.push((kind, Arc::new(proof)));
         self
+    }
+
+    /// Memory that opening may take, with what its file decodes to and one relighter. Without: what the source of the chunks has, which is a quarter
+    /// of the machine's for a store, and bounded by the file's length for a pack.
+    #[must_use]
+    pub fn limits(mut self, limits: &Limits) -> Self {
+        self.limits = Some(limits.clone());
+        self
+    }
+
+    pub(super) fn given_budget(&self) -> Option<&Budget> {
+        self.limits.as_ref().map(Limits::budget)
+    }
+
+    pub(super) fn budget_of(&self, source: &dyn ChunkSource) -> Budget {
+        self.given_budget().cloned().unwrap_or_else(|| source.budget())
+    }
+
+    /// A source of packs whose decoded chunks count toward what opening may take.
+    pub(super) fn memory_source(&self) -> MemorySource {
+        self.given_budget().map_or_else(MemorySource::new, MemorySource::sharing)
     }
 
     /// Techniques that an asset may have.

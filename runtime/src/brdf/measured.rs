@@ -21,10 +21,11 @@
 
 use super::frame::{N_DOT_V_MIN, half_vector, reflect, view};
 use super::lambert;
-use crate::chunk::layout::{Reader, Writer};
+use crate::chunk::layout::{Reader, Writer, product};
 use crate::error::RuntimeError;
 use crate::sphere::frame::dot;
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
 
 const MAGIC: &[u8; 4] = b"PLMB";
 const VERSION: u32 = 1;
@@ -43,21 +44,21 @@ const PEAKS: usize = 64;
 /// Brightest value that is accepted, sr⁻¹.
 const MOST_VALUE: f32 = 1e9;
 
-/// A measured surface, ready to be looked up.
+/// A measured surface, ready to be looked up. Clones share its arrays.
 #[derive(Clone)]
 pub struct Measured {
     /// n_h, n_d, n_φ.
     grid: [usize; 3],
     /// `[n_h][n_d][n_φ][3]`, sr⁻¹.
-    values: Vec<[f32; 3]>,
+    values: Arc<[[f32; 3]]>,
     /// `[n_h + 1]` largest value of any channel at half angles from node i on; the last is that of the last node.
-    peak: Vec<f32>,
+    peak: Arc<[f32]>,
     /// `[PEAKS]` [`Measured::peak_beyond`] at half angles whose sine is (i/PEAKS)².
-    peaks: Vec<f32>,
+    peaks: Arc<[f32]>,
     /// `[n_h + 1]` probability that a sampled half angle lies below node i (the last node is π/2).
-    cumulative: Vec<f64>,
+    cumulative: Arc<[f64]>,
     /// `[VIEWS]` directional albedo.
-    albedo: Vec<[f32; 3]>,
+    albedo: Arc<[[f32; 3]]>,
 }
 
 impl std::fmt::Debug for Measured {
@@ -136,7 +137,8 @@ impl Measured {
         }
         let total = cumulative[grid[0]];
         cumulative.iter_mut().for_each(|sum| *sum /= total);
-        let mut table = Measured { grid, values, peak, peaks: Vec::new(), cumulative, albedo: Vec::new() };
+        let (values, peak, cumulative) = (values.into(), peak.into(), cumulative.into());
+        let mut table = Measured { grid, values, peak, peaks: Arc::new([]), cumulative, albedo: Arc::new([]) };
         table.peaks = (0..PEAKS)
             .map(|i| (i as f64 / PEAKS as f64).powi(2))
             .map(|sine| table.peak_beyond(sine / (1.0 - sine * sine).sqrt()))
@@ -157,20 +159,22 @@ impl Measured {
     }
 
     /// Reads a chunk.
-    pub(crate) fn from_chunk(bytes: &[u8]) -> Result<Self, RuntimeError> {
+    ///
+    /// # Errors
+    /// Anything but what [`Measured::to_chunk`] writes.
+    pub fn from_chunk(bytes: &[u8]) -> Result<Self, RuntimeError> {
         let mut reader = Reader::new("brdf", MAGIC, VERSION, bytes)?;
         let grid = [reader.counts[0], reader.counts[1], reader.counts[2]].map(|n| n as usize);
-        let count = grid.iter().map(|n| *n as u64).product::<u64>();
-        if grid.iter().any(|n| !(2..=MOST_NODES).contains(n)) || count > MOST_VALUES {
+        let count = product(&grid.map(|n| n as u64)).filter(|count| *count <= MOST_VALUES);
+        let Some(count) = count.filter(|_| grid.iter().all(|n| (2..=MOST_NODES).contains(n))) else {
             return Err(reader.error("an axis has fewer than 2 or too many nodes"));
-        }
+        };
         let values: &[[f32; 3]] = reader.array(count as usize)?;
         if !values.as_flattened().iter().all(|x| (0.0..=MOST_VALUE).contains(x)) {
             return Err(reader.error("a value is negative or not finite"));
         }
-        let values = values.to_vec();
         reader.finish()?;
-        Ok(Self::new(grid, values))
+        Ok(Self::new(grid, values.to_vec()))
     }
 
     /// The coarsest table, by halving of axes, whose look-up meets every node dropped within `tolerance` · (value + mean of the table).

@@ -7,7 +7,7 @@
 //! position `[v, 3]` f32, triangles `[t, 3]` u32, and each only if its bit is set: normal `[v, 3]` f32, tangent `[v, 4]` f32, uv0 `[v, 2]` f32,
 //! uv1 `[v, 2]` f32, color `[v, 4]` f32 linear.
 
-use super::layout::{Reader, Writer};
+use super::layout::{Reader, Writer, are_moderate};
 use crate::error::RuntimeError;
 
 const MAGIC: &[u8; 4] = b"PLBS";
@@ -58,7 +58,10 @@ pub fn to_chunk(primitives: &[BasePrimitive]) -> Vec<u8> {
     writer.finish()
 }
 
-/// Borrows from a chunk; indices are in range afterwards.
+/// Borrows from a chunk; indices are in range afterwards, and numbers are finite.
+///
+/// # Errors
+/// Anything but what [`to_chunk`] writes.
 pub fn from_chunk(bytes: &[u8]) -> Result<Vec<BasePrimitive<'_>>, RuntimeError> {
     let mut reader = Reader::new("base", MAGIC, VERSION, bytes)?;
     let heads: &[[u32; 8]] = reader.array(reader.counts[0] as usize)?;
@@ -70,7 +73,7 @@ pub fn from_chunk(bytes: &[u8]) -> Result<Vec<BasePrimitive<'_>>, RuntimeError> 
         if triangles.iter().flatten().any(|i| *i as usize >= v) {
             return Err(reader.error("a triangle names a vertex that is not there"));
         }
-        primitives.push(BasePrimitive {
+        let primitive = BasePrimitive {
             positions,
             triangles,
             material: *material,
@@ -78,10 +81,22 @@ pub fn from_chunk(bytes: &[u8]) -> Result<Vec<BasePrimitive<'_>>, RuntimeError> 
             tangents: if has(HAS_TANGENT) { Some(reader.array(v)?) } else { None },
             uvs: [if has(HAS_UV0) { Some(reader.array(v)?) } else { None }, if has(HAS_UV1) { Some(reader.array(v)?) } else { None }],
             colors: if has(HAS_COLOR) { Some(reader.array(v)?) } else { None },
-        });
+        };
+        if !is_moderate(&primitive) {
+            return Err(reader.error("a number of a vertex is out of range"));
+        }
+        primitives.push(primitive);
     }
     reader.finish()?;
     Ok(primitives)
+}
+
+fn is_moderate(primitive: &BasePrimitive) -> bool {
+    are_moderate(primitive.positions)
+        && primitive.normals.is_none_or(are_moderate)
+        && primitive.tangents.is_none_or(are_moderate)
+        && primitive.uvs.iter().flatten().all(|uv| are_moderate(uv))
+        && primitive.colors.is_none_or(are_moderate)
 }
 
 #[cfg(test)]

@@ -15,6 +15,27 @@ pub(crate) const ALIGNMENT: usize = 64;
 /// Most points in a patch, the unit of chunks.
 pub const PATCH_POINTS: usize = 256;
 
+/// Largest coordinate, colour or other number that a chunk may hold where nothing narrower is asked: squares of it, and sums of these, stay finite.
+pub(crate) const LARGEST: f32 = 1e18;
+
+/// Longest part of a direction: unit vectors and means of them, rounded, or zero.
+const LONGEST_PART: f32 = 1.001;
+
+/// Whether all numbers are finite and not beyond [`LARGEST`].
+pub(crate) fn are_moderate<const N: usize>(values: &[[f32; N]]) -> bool {
+    values.as_flattened().iter().all(|x| x.abs() <= LARGEST)
+}
+
+/// Whether all could be unit vectors, or means of some.
+pub(crate) fn are_directions<const N: usize>(values: &[[f32; N]]) -> bool {
+    values.as_flattened().iter().all(|x| x.abs() <= LONGEST_PART)
+}
+
+/// The product of counts that a file claims, `None` where it does not fit into 64 bits: whatever is made of such counts goes through here.
+pub(crate) fn product(counts: &[u64]) -> Option<u64> {
+    counts.iter().try_fold(1u64, |product, count| product.checked_mul(*count))
+}
+
 /// Builds a chunk.
 pub(crate) struct Writer {
     bytes: Vec<u8>,
@@ -81,9 +102,10 @@ impl<'a> Reader<'a> {
 
     /// The next array, `count` elements.
     pub(crate) fn array<T: Pod>(&mut self, count: usize) -> Result<&'a [T], RuntimeError> {
-        let left = self.bytes.len() - self.at;
-        let size = count.checked_mul(size_of::<T>()).filter(|size| *size <= left && size.next_multiple_of(ALIGNMENT) <= left);
-        let size = size.ok_or_else(|| self.error("shorter than its counts say"))?;
+        let left = (self.bytes.len() - self.at) as u64;
+        let size =
+            product(&[count as u64, size_of::<T>() as u64]).filter(|size| *size <= left && size.next_multiple_of(ALIGNMENT as u64) <= left);
+        let size = size.ok_or_else(|| self.error("shorter than its counts say"))? as usize;
         let (slice, padding) = self.bytes[self.at..self.at + size.next_multiple_of(ALIGNMENT)].split_at(size);
         if padding.iter().any(|byte| *byte != 0) {
             return Err(self.error("padding is not zero"));

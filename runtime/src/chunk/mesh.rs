@@ -11,7 +11,7 @@
 //! to four. Its point_front or point_back is then [`BLENDED`] plus the index of the blend, and one more array ends the chunk: `[b]` of
 //! points `[4]` u32 and weights `[4]` f32, b being the fourth count. Lossy: what is shown there is a mean of what is baked around it.
 
-use super::layout::{Reader, Writer};
+use super::layout::{Reader, Writer, are_directions, are_moderate};
 use crate::error::RuntimeError;
 use bytemuck::{Pod, Zeroable};
 
@@ -122,6 +122,12 @@ impl<'a> Mesh<'a> {
     pub fn from_chunk(bytes: &'a [u8], n_points: u32) -> Result<Self, RuntimeError> {
         let mut reader = Self::reader(bytes)?;
         let mesh = Self::borrow(&mut reader)?;
+        if !are_moderate(mesh.position) || !are_moderate(mesh.uv0) || !are_moderate(mesh.uv1) || !are_moderate(mesh.color) {
+            return Err(reader.error("a position, texture coordinate or colour is out of range"));
+        }
+        if !are_directions(mesh.normal) || !are_directions(mesh.tangent) {
+            return Err(reader.error("a normal or tangent is no direction"));
+        }
         let v = mesh.position.len();
         if mesh.triangles.iter().flatten().any(|i| *i as usize >= v) {
             return Err(reader.error("a triangle names a vertex that is not there"));

@@ -5,7 +5,7 @@
 //! flags `[n]` u32, see [`BACK_SIDE`] and [`BURIED`].
 
 pub use super::layout::PATCH_POINTS;
-use super::layout::{Reader, Writer};
+use super::layout::{LARGEST, Reader, Writer, are_directions, are_moderate};
 use crate::error::RuntimeError;
 
 const MAGIC: &[u8; 4] = b"PLPT";
@@ -63,9 +63,14 @@ impl<'a> Points<'a> {
             return Err(reader.error("a patch has 1..=256 points"));
         }
         let points = Self::borrow(&mut reader)?;
-        let finite = |v: &[[f32; 3]]| v.iter().flatten().all(|x| x.is_finite());
-        if !finite(points.position) || !finite(points.normal) || !finite(points.geometric_normal) {
-            return Err(reader.error("a position or normal is not finite"));
+        if !are_moderate(points.position) || !points.area.iter().all(|area| (0.0..=LARGEST).contains(area)) {
+            return Err(reader.error("a position or area is out of range"));
+        }
+        if !are_directions(points.normal) || !are_directions(points.geometric_normal) {
+            return Err(reader.error("a normal is no direction"));
+        }
+        if points.flags.iter().any(|flags| flags & !(BACK_SIDE | BURIED) != 0) {
+            return Err(reader.error("a flag that this build does not know"));
         }
         reader.finish()?;
         Ok(points)

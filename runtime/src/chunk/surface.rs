@@ -4,7 +4,7 @@
 //! Counts: `n` points. Arrays: normal `[n, 3]` f32 unit, the mean of the mapped normals (n_s where there is no normal map);
 //! roughness `[n]` f32 perceptual, widened by the spread of the mapped normals; metallic `[n]` f32; material `[n]` u32.
 
-use super::layout::{Reader, Writer};
+use super::layout::{Reader, Writer, are_directions};
 use crate::error::RuntimeError;
 
 const MAGIC: &[u8; 4] = b"PLSF";
@@ -41,10 +41,7 @@ impl<'a> PointSurfaces<'a> {
         let surfaces =
             PointSurfaces { normal: reader.array(n)?, roughness: reader.array(n)?, metallic: reader.array(n)?, material: reader.array(n)? };
         let unit = |v: &f32| (0.0..=1.0).contains(v);
-        if !surfaces.roughness.iter().all(unit)
-            || !surfaces.metallic.iter().all(unit)
-            || !surfaces.normal.iter().flatten().all(|x| x.is_finite())
-        {
+        if !surfaces.roughness.iter().all(unit) || !surfaces.metallic.iter().all(unit) || !are_directions(surfaces.normal) {
             return Err(reader.error("a roughness, metalness or normal is out of range"));
         }
         reader.finish()?;

@@ -204,7 +204,7 @@ impl<'a> Shader<'a> {
                     add(&mut sum, self.fragment(fragment, [x, y], &mut gathered).0, fragment.samples.count_ones() as f32);
                 }
                 self.background(all & !covered, [x, y], |samples, color| add(&mut sum, color, samples.count_ones() as f32));
-                pixels[pixel] = (sum.map(|v| v / n as f32), covered.count_ones() as f32 / n as f32);
+                pixels[pixel] = (sum.map(|v| shown(v / n as f32)), covered.count_ones() as f32 / n as f32);
                 continue;
             }
             // Samples one by one: each has its own stack.
@@ -226,7 +226,7 @@ impl<'a> Shader<'a> {
             }
             let mut sum = [0.0; 3];
             colors[..n].iter().for_each(|color| add(&mut sum, *color, 1.0));
-            pixels[pixel] = (sum.map(|v| v / n as f32), drawn.count_ones() as f32 / n as f32);
+            pixels[pixel] = (sum.map(|v| shown(v / n as f32)), drawn.count_ones() as f32 / n as f32);
         }
         pixels
     }
@@ -486,6 +486,11 @@ pub(crate) fn radiance(surface: &SurfaceSample, place: &Place, view: [f32; 3], t
 fn coordinates(mesh: &Mesh, set: u32, vertex: usize) -> [f32; 2] {
     let set = if set == 1 { mesh.uv1 } else { mesh.uv0 };
     set.get(vertex).copied().unwrap_or([0.0; 2])
+}
+
+/// A pixel's value, finite whatever light and surfaces multiplied to: not a number is black.
+fn shown(value: f32) -> f32 {
+    if value.is_nan() { 0.0 } else { value.clamp(f32::MIN, f32::MAX) }
 }
 
 /// Splits off the fragments of `pixel` from the front of a list that is sorted by pixel.

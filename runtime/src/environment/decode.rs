@@ -4,6 +4,8 @@ use prelight_manifests::scene::Projection;
 
 use super::{CleanReport, Environment};
 use crate::error::RuntimeError;
+use prelight_store::Budget;
+use prelight_store::budget::Charge;
 
 /// What a person says of a map's file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -14,17 +16,34 @@ pub struct MapOptions {
     pub layer: Option<String>,
 }
 
-/// What decoding may take.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Images up to 128 MiB of pixels need no bytes to justify them: they may be one colour, or black around a small window.
+const SMALL_IMAGE: u128 = 128 << 20;
+/// Beyond that, bytes of pixels per byte of the file.
+const IMAGE_RATIO: u128 = 2048;
+
+/// Memory that opening assets and decoding images may take together, beside the files themselves. Clones share it, so one app has one.
+///
+/// An asset takes its part as long as it is open, and what one relighter of it holds is in that; an image 12 bytes a pixel as long as there is a copy
+/// of it. What does not fit is [`RuntimeError::Memory`], said before anything is allocated.
+#[derive(Clone, Debug, Default)]
 pub struct Limits {
-    /// Most bytes that decoding may hold beside the file itself, including the result of 12 bytes a pixel.
-    pub max_bytes: u64,
+    budget: Budget,
 }
 
-impl Default for Limits {
-    /// A quarter of the machine's memory, at most 4 GiB: an image of 16384 x 8192 with room to spare.
-    fn default() -> Self {
-        Self { max_bytes: prelight_store::Budget::default().limit().min(4 << 30) }
+impl Limits {
+    /// So many bytes. [`Limits::default`] is a quarter of the memory that this process may use.
+    pub fn new(max_bytes: u64) -> Self {
+        Limits { budget: Budget::new(max_bytes) }
+    }
+
+    /// What a budget has left.
+    pub fn sharing(budget: &Budget) -> Self {
+        Limits { budget: budget.clone() }
+    }
+
+    /// The budget that is charged.
+    pub fn budget(&self) -> &Budget {
+        &self.budget
     }
 }
 
@@ -57,12 +76,20 @@ impl Source<'_> {
         self.error(format!("the file is cut short: {what}"), "copy or download it again")
     }
 
-    /// Fails when `needed` bytes are more than the limit.
-    pub(crate) fn check_memory(&self, what: &str, needed: u64) -> Result<(), RuntimeError> {
-        if needed <= self.limits.max_bytes {
+    /// Charges `needed` bytes for as long as what it gives lives; fails when they are more than what is left.
+    pub(crate) fn take_memory(&self, what: &str, needed: u64) -> Result<Charge, RuntimeError> {
+        let budget = self.limits.budget();
+        let refused = || RuntimeError::Memory { what: format!("{what} of {}", self.file), needed, limit: budget.left() };
+        budget.charge(needed).ok_or_else(refused)
+    }
+
+    /// Fails when so many pixels are claimed by so few bytes that none but a hostile file says so.
+    pub(super) fn check_ratio(&self, width: usize, height: usize, help: &str) -> Result<(), RuntimeError> {
+        let (pixels, present) = (width as u128 * height as u128, self.bytes.len() as u128);
+        if pixels * 12 <= SMALL_IMAGE.max(present * IMAGE_RATIO) {
             return Ok(());
         }
-        Err(RuntimeError::Memory { what: format!("{what} of {}", self.file), needed, limit: self.limits.max_bytes })
+        Err(self.error(format!("{width} x {height} pixels are far more than its {present} bytes stand for"), help))
     }
 
     /// An empty vector with room for `count` pixels; an error instead of an abort when the system has not that much.
@@ -70,12 +97,13 @@ impl Source<'_> {
         let mut pixels = Vec::new();
         match pixels.try_reserve_exact(count) {
             Ok(()) => Ok(pixels),
-            Err(_) => Err(RuntimeError::Memory {
-                what: format!("pixels of {}", self.file),
-                needed: (count as u64).saturating_mul(12),
-                limit: self.limits.max_bytes,
-            }),
+            Err(_) => Err(self.out_of_memory("pixels", (count as u64).saturating_mul(12))),
         }
+    }
+
+    /// The system has not as much as the limits allow.
+    pub(super) fn out_of_memory(&self, what: &str, needed: u64) -> RuntimeError {
+        RuntimeError::Memory { what: format!("{what} of {}", self.file), needed, limit: self.limits.budget().left() }
     }
 }
 
@@ -124,6 +152,7 @@ impl Environment {
         let mut report = super::clean::clean(&mut decoded.pixels);
         let decoded = super::projection::unwrap(source, decoded, options.projection)?;
         report.notes = decoded.notes;
-        Ok((Self::new(decoded.width, decoded.height, decoded.pixels), report))
+        let held = source.take_memory("pixels", 12 * decoded.pixels.len() as u64)?;
+        Ok((Self::new(decoded.width, decoded.height, decoded.pixels).charged(held), report))
     }
 }

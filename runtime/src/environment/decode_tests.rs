@@ -17,7 +17,7 @@ fn decode_with_report(bytes: &[u8]) -> (Environment, CleanReport) {
 }
 
 fn refuse(bytes: &[u8]) -> String {
-    match Environment::decode("bad.hdr", bytes, &Limits { max_bytes: 1 << 30 }) {
+    match Environment::decode("bad.hdr", bytes, &Limits::new(1 << 30)) {
         Err(error @ (RuntimeError::Environment { .. } | RuntimeError::Memory { .. })) => error.to_string(),
         Err(error) => panic!("wrong kind of error: {error:?}"),
         Ok((image, _)) => panic!("decoded {} x {}", image.width, image.height),
@@ -480,7 +480,7 @@ fn changed_bytes_give_an_image_or_an_error() {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         (state >> 8) as usize % below
     };
-    let limits = Limits { max_bytes: 64 << 20 };
+    let limits = Limits::new(64 << 20);
     for file in small_files() {
         for _ in 0..400 {
             let mut damaged = file.clone();

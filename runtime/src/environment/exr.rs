@@ -30,14 +30,11 @@ use self::layer::{Channels, Layer};
 use super::decode::{Decoded, MapOptions, Source};
 use super::primaries::{Primaries, convert};
 use crate::error::RuntimeError;
+use prelight_store::budget::Charge;
 
 const HELP: &str = "save it again as a plain RGB OpenEXR (half or float, ZIP or PIZ)";
 /// Sizes below this need no justification by the bytes present: 1 MiB.
 const SMALL: u128 = 1 << 20;
-/// Display windows up to 128 MiB of pixels may be black around a small data window without bytes to justify them.
-const SMALL_DISPLAY: u128 = 128 << 20;
-/// Beyond that, bytes of pixels per byte of the file.
-const DISPLAY_RATIO: u128 = 2048;
 /// Bytes of blocks that are decompressed together, on as many threads as there are, and their number.
 const BATCH_BYTES: u128 = 64 << 20;
 const BATCH: u128 = 32;
@@ -175,7 +172,7 @@ fn check_blocks(source: Source<'_>, header: &Header) -> Result<(), RuntimeError>
     if matches!(header.blocks, BlockDescription::Tiles(_)) && block > (64 * image).max(SMALL) {
         return Err(source.error("its tiles are far larger than the image", HELP));
     }
-    source.check_memory("a block", u64::try_from(block).unwrap_or(u64::MAX))
+    source.take_memory("a block", u64::try_from(block).unwrap_or(u64::MAX)).map(drop)
 }
 
 /// Fails when the file's bytes cannot hold so many pixels by its compression.
@@ -245,6 +242,8 @@ struct Picture<'a> {
     data: [usize; 2],
     /// Blocks that are decompressed together.
     batch_size: usize,
+    /// Memory that decoding takes.
+    _decoding: Charge,
 }
 
 impl<'a> Picture<'a> {
@@ -263,11 +262,8 @@ impl<'a> Picture<'a> {
         let (bytes, block) = (width as u128 * height as u128 * 12, block_bytes(header).max(1));
         let batch_size = (BATCH_BYTES / block).clamp(1, BATCH).min(header.chunk_count as u128) as usize;
         let needed = bytes + block * batch_size as u128 + step.map_or(0, |step| Chroma::bytes(data[0], data[1], step));
-        source.check_memory(&format!("an image of {width} x {height}"), u64::try_from(needed).unwrap_or(u64::MAX))?;
-        if bytes > SMALL_DISPLAY.max(source.bytes.len() as u128 * DISPLAY_RATIO) {
-            let what = format!("its display window of {width} x {height} pixels is far larger than its {} bytes", source.bytes.len());
-            return Err(source.error(what, "crop the display window to the image"));
-        }
+        let decoding = source.take_memory(&format!("an image of {width} x {height}"), u64::try_from(needed).unwrap_or(u64::MAX))?;
+        source.check_ratio(width, height, "crop the display window to the image")?;
         let mut pixels = source.reserve_pixels(width * height)?;
         pixels.resize(width * height, [0.0; 3]);
         let position = header.own_attributes.layer_position;
@@ -283,6 +279,7 @@ impl<'a> Picture<'a> {
             chroma: step.map(|step| Chroma::new(source, data[0], data[1], step)).transpose()?,
             data,
             batch_size,
+            _decoding: decoding,
         })
     }
 

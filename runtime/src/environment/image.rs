@@ -6,7 +6,10 @@
 //! | λ | latitude, asin(y); row y spans π(½ − y/H) down to π(½ − (y+1)/H) |
 //! | dω of a pixel | (2π/W)·(sin λ_top − sin λ_bottom), exact |
 
+use super::clean::MOST_RADIANCE;
+use prelight_store::budget::Charge;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// A latitude-longitude image of distant light. Radiance is constant over each pixel.
 ///
@@ -24,6 +27,17 @@ pub struct Environment {
     pub rotate_y_deg: f64,
     /// Multiplies radiance. Finite, not negative.
     pub intensity: f32,
+    held: Held,
+}
+
+/// What the pixels take of somebody's limits; two images are equal whatever that is.
+#[derive(Clone, Debug, Default)]
+struct Held(#[allow(dead_code, reason = "held until it is dropped")] Option<Arc<Charge>>);
+
+impl PartialEq for Held {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 impl Environment {
@@ -34,7 +48,13 @@ impl Environment {
     pub fn new(width: usize, height: usize, pixels: Vec<[f32; 3]>) -> Self {
         assert!(width > 0 && height > 0, "an environment has at least one pixel");
         assert_eq!(Some(pixels.len()), width.checked_mul(height), "pixels of a {width} x {height} environment");
-        Self { width, height, pixels, rotate_y_deg: 0.0, intensity: 1.0 }
+        Self { width, height, pixels, rotate_y_deg: 0.0, intensity: 1.0, held: Held::default() }
+    }
+
+    /// The same image, whose pixels are charged as long as it lives.
+    pub(super) fn charged(mut self, charge: Charge) -> Self {
+        self.held = Held(Some(Arc::new(charge)));
+        self
     }
 
     /// The same image, standing at `degrees` about +Y (not added to the turn before).
@@ -51,7 +71,7 @@ impl Environment {
         self
     }
 
-    /// Radiance from a direction, times `intensity`. W·sr⁻¹·m⁻². The direction is finite, not zero, of any length.
+    /// Radiance from a direction, times `intensity`, at most 10¹⁸. W·sr⁻¹·m⁻². The direction is finite, not zero, of any length.
     pub fn radiance(&self, direction: [f32; 3]) -> [f32; 3] {
         let (x, y) = self.pixel_from_direction(direction.map(f64::from));
         self.pixel_radiance(x, y)
@@ -59,7 +79,7 @@ impl Environment {
 
     /// Radiance of a pixel, times `intensity`.
     pub(crate) fn pixel_radiance(&self, x: usize, y: usize) -> [f32; 3] {
-        self.pixels[y * self.width + x].map(|value| (value * self.intensity).min(f32::MAX))
+        self.pixels[y * self.width + x].map(|value| (value * self.intensity).min(MOST_RADIANCE))
     }
 
     /// Column and row of the pixel that a direction of any length meets.
@@ -160,6 +180,6 @@ mod tests {
     #[test]
     fn intensity_multiplies_and_never_overflows() {
         let environment = Environment::new(1, 1, vec![[1.0, 2.0, 3e38]]).with_intensity(4.0);
-        assert_eq!(environment.radiance([0.0, 1.0, 0.0]), [4.0, 8.0, f32::MAX]);
+        assert_eq!(environment.radiance([0.0, 1.0, 0.0]), [4.0, 8.0, MOST_RADIANCE]);
     }
 }

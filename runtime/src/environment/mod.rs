@@ -33,7 +33,7 @@ mod splat;
 #[cfg(test)]
 mod splat_tests;
 
-pub use clean::CleanReport;
+pub use clean::{CleanReport, MOST_RADIANCE};
 pub use decode::{Limits, MapOptions};
 pub use image::Environment;
 pub use light_cubemap::{EnergyReport, LightCubemap};

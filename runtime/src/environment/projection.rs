@@ -128,7 +128,7 @@ pub(super) fn unwrap(source: Source<'_>, mut decoded: Decoded, asked: Option<Pro
     };
     let width = natural * LEAST_WIDTH.div_ceil(natural).max(1);
     let bytes = |pixels: usize| pixels as u64 * 12;
-    source.check_memory(&format!("an image of {width} x {}", width / 2), bytes(width * width / 2) + bytes(decoded.pixels.len()))?;
+    let _unwrapped = source.take_memory(&format!("an image of {width} x {}", width / 2), bytes(width * width / 2) + bytes(decoded.pixels.len()))?;
     let mut pixels = source.reserve_pixels(width * width / 2)?;
     pixels.resize(width * width / 2, [0.0; 3]);
     resample(&decoded, &layout, width, &mut pixels);

@@ -16,7 +16,7 @@ use super::primaries::{Primaries, convert};
 use super::scanline;
 use crate::error::RuntimeError;
 
-const HELP: &str = "export it again as Radiance .hdr or OpenEXR";
+pub(super) const HELP: &str = "export it again as Radiance .hdr or OpenEXR";
 
 /// How the file's scan lines lie in the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +50,7 @@ pub(super) fn decode(source: Source<'_>) -> Result<Decoded, RuntimeError> {
     // Turning an image over takes a second one. The scan line buffer is 4 bytes a pixel.
     let copies = if upright { 12 } else { 24 };
     let needed = (width as u64).saturating_mul(height as u64).saturating_mul(copies).saturating_add(line_length as u64 * 4);
-    source.check_memory(&format!("an image of {width} x {height}"), needed)?;
+    let _decoding = source.take_memory(&format!("an image of {width} x {height}"), needed)?;
 
     let lines = scanline::decode(source, header.data, line_length, n_lines)?;
     let mut pixels = if upright { lines } else { turn_upright(source, &lines, header.orientation)? };

@@ -22,12 +22,16 @@ pub(super) fn decode(source: Source<'_>, at: usize, line_length: usize, n_lines:
     if present < n_lines as u64 * smallest_line(line_length) {
         return Err(source.truncated(&format!("{present} bytes cannot hold {n_lines} scan lines of {line_length} pixels")));
     }
+    source.check_ratio(line_length, n_lines, super::radiance::HELP)?;
     let mut pixels = source.reserve_pixels(total.min(present.saturating_mul(PIXELS_PER_BYTE)) as usize)?;
     let mut reader = Reader { source, at, line: 0, n_lines };
-    let mut line = vec![[0u8; 4]; line_length];
+    let mut line = Vec::new();
+    line.try_reserve_exact(line_length).map_err(|_| source.out_of_memory("a scan line", line_length as u64 * 4))?;
+    line.resize(line_length, [0u8; 4]);
     for index in 0..n_lines {
         reader.line = index;
         reader.scan_line(&mut line)?;
+        pixels.try_reserve(line_length).map_err(|_| source.out_of_memory("pixels", total.saturating_mul(12)))?;
         pixels.extend(line.iter().map(radiance_from_rgbe));
     }
     Ok(pixels)

@@ -108,22 +108,8 @@ impl Surfaces {
         if material.textures().any(|texture| texture.texture as usize >= asset.textures().len() || texture.uv_set > 1) {
             return Err(error("a texture is not in the asset"));
         }
-        let unit = [
-            material.metallic,
-            material.roughness,
-            material.specular,
-            material.anisotropy,
-            material.clearcoat,
-            material.clearcoat_roughness,
-        ];
-        let aspect = if let Model::Ward { aspect } = material.model { aspect } else { 1.0 };
-        let mut positive = material.emissive.iter().chain(&material.specular_color).chain(std::slice::from_ref(&material.ior));
-        let in_range = unit.iter().chain(&material.base_color).all(|x| (0.0..=1.0).contains(x))
-            && positive.all(|x| (0.0..=f32::MAX).contains(x))
-            && (1e-3..=1e3).contains(&aspect)
-            && material.anisotropy_rotation.is_finite();
-        if !in_range {
-            return Err(error("a value is out of range: shares are 0..=1, colours not negative, aspect 0.001..=1000"));
+        if let Some(what) = material.fault() {
+            return Err(error(what));
         }
         if matches!(material.model, Model::Measured { table } if table as usize >= self.tables.len()) {
             return Err(error("its measured table is not there: add_table comes first"));

@@ -12,6 +12,7 @@
 //! KHR_materials_pbrSpecularGlossiness arrives here as: base colour = diffuse, metallic 0, ior 0 (so that the reflectance is
 //! `specular_color` itself), roughness = 1 − glossiness.
 
+use crate::chunk::layout::LARGEST;
 use serde::{Deserialize, Serialize};
 
 /// How a texture coordinate outside 0..1 is folded back.
@@ -233,6 +234,25 @@ impl Material {
             Model::Ward { aspect } => aspect != 1.0,
             _ => false,
         }
+    }
+
+    /// What is out of its range, if anything: `None` of every material that a bake writes.
+    pub fn fault(&self) -> Option<&'static str> {
+        let unit = [self.metallic, self.roughness, self.specular, self.anisotropy, self.clearcoat, self.clearcoat_roughness];
+        if !unit.iter().chain(&self.base_color).all(|x| (0.0..=1.0).contains(x)) {
+            return Some("a share is not in 0..=1");
+        }
+        let mut positive = self.emissive.iter().chain(&self.specular_color).chain(std::slice::from_ref(&self.ior));
+        if !positive.all(|x| (0.0..=LARGEST).contains(x)) {
+            return Some("an emission, colour or index of refraction is negative or not finite");
+        }
+        let aspect = if let Model::Ward { aspect } = self.model { aspect } else { 1.0 };
+        let cutoff = if let AlphaMode::Mask { cutoff } = self.alpha_mode { cutoff } else { 0.0 };
+        let mut free = [self.anisotropy_rotation, self.normal_scale, self.clearcoat_normal_scale, cutoff].into_iter();
+        if !(1e-3..=1e3).contains(&aspect) || !free.all(|x| x.abs() <= LARGEST) {
+            return Some("an aspect is not in 0.001..=1000, or a scale, rotation or cutoff not finite");
+        }
+        None
     }
 
     /// Every texture that it names.

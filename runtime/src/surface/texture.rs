@@ -4,6 +4,7 @@
 //! linear alpha, 1 linear), zeros to byte 64, then `[height, width, 4]` u8, rows from the top.
 
 use super::{TextureRef, Wrap};
+use crate::chunk::layout::product;
 use crate::error::RuntimeError;
 use std::borrow::Cow;
 
@@ -54,8 +55,8 @@ impl Texture<'_> {
         }
         let word = |i: usize| u32::from_le_bytes([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]]);
         let (version, width, height, encoding) = (word(1), word(2), word(3), word(4));
-        let size = u64::from(width) * u64::from(height) * 4 + HEADER_BYTES as u64;
-        if version != VERSION || encoding > 1 || width == 0 || height == 0 || size != bytes.len() as u64 {
+        let size = product(&[width.into(), height.into(), 4]).and_then(|texels| texels.checked_add(HEADER_BYTES as u64));
+        if version != VERSION || encoding > 1 || width == 0 || height == 0 || size != Some(bytes.len() as u64) {
             return Err(error("header and length disagree"));
         }
         let encoding = if encoding == 1 { TextureEncoding::Linear } else { TextureEncoding::Srgb };
@@ -168,8 +169,12 @@ mod tests {
         for cut in 0..bytes.len() {
             assert!(Texture::from_chunk(&bytes[..cut]).is_err());
         }
-        let mut huge = bytes.clone();
-        huge[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
-        assert!(Texture::from_chunk(&huge).is_err());
+        // The last two wrap to the length of the file in 64 bits.
+        for [width, height] in [[u32::MAX, 2], [u32::MAX, u32::MAX], [1 << 31, 1 << 31], [1 << 30, 1 << 31]] {
+            let mut huge = bytes[..HEADER_BYTES].to_vec();
+            huge[8..12].copy_from_slice(&width.to_le_bytes());
+            huge[12..16].copy_from_slice(&height.to_le_bytes());
+            assert!(Texture::from_chunk(&huge).is_err(), "{width} x {height}");
+        }
     }
 }

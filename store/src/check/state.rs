@@ -16,7 +16,8 @@
 //! check DIGEST
 //! ```
 //!
-//! Whoever may write to the store's folder can also forge a note: a check that went on says so, and `--restart` believes nobody.
+//! Another user who may write to the store's folder can make a file of this name, but not one that belongs to whoever runs the check: such a note,
+//! and one that others may write to, is not believed. Whoever can act as that user has no need of a note; `--restart` believes nobody.
 
 use super::{CheckOptions, CheckReport, Finding};
 use crate::os::{self, FileTime, Metadata, RootedPath};
@@ -72,9 +73,23 @@ impl State {
         let may_write = !matches!(bytes, Ok(None));
         // A note that cannot be read is none.
         let bytes = bytes.ok().flatten().flatten().unwrap_or_default();
-        let age = os::metadata(&path).ok().flatten().map(|metadata| os::local_now().abs_diff(os::modified(&metadata)));
-        let note = parse(&bytes, &head).filter(|_| options.resume && age.is_some_and(|age| age < MAX_AGE));
-        Ok((State { path, head, may_write }, note))
+        let state = State { path, head, may_write };
+        let note = parse(&bytes, &state.head).filter(|_| options.resume && state.may_be_believed());
+        Ok((state, note))
+    }
+
+    /// Whether the note is young, and could only have been written by whoever runs this check: it belongs to the owner of a file that is made now,
+    /// and no other user may write to it.
+    fn may_be_believed(&self) -> bool {
+        let Ok(Some(note)) = os::metadata(&self.path) else { return false };
+        let temp = self.temp();
+        let Ok((_, own)) = os::create_private(&temp) else { return false };
+        os::remove_temp_file(&temp);
+        note.is_private_to(&own) && os::local_now().abs_diff(os::modified(&note)) < MAX_AGE
+    }
+
+    fn temp(&self) -> RootedPath {
+        self.path.sibling(&format!("{NAME}.{}.part", os::unique_name()))
     }
 
     /// Best effort: a store that cannot be written can be verified all the same, but not in parts.
@@ -89,9 +104,8 @@ impl State {
             text += &format!("finding {}\t{}\t{digest}\t{what}\n", finding.file.replace(['\n', '\t'], "?"), finding.offset);
         }
         text += &format!("check {}\n", digest_of(text.as_bytes()));
-        let temp = self.path.sibling(&format!("{NAME}.{}.part", os::unique_name()));
-        let Ok(file) = os::create(&temp) else { return };
-        let mut file = file;
+        let temp = self.temp();
+        let Ok((mut file, _)) = os::create_private(&temp) else { return };
         if os::write(&mut file, &temp, text.as_bytes()).and_then(|()| os::rename(&temp, &self.path)).is_err() {
             os::remove_temp_file(&temp);
         }

@@ -43,6 +43,8 @@ fn metadata(stat: &Stat) -> Metadata {
         len: u64::try_from(stat.st_size).unwrap_or(0),
         modified: nanos(stat.st_mtime.into(), stat.st_mtime_nsec.into()),
         changed: nanos(stat.st_ctime.into(), stat.st_ctime_nsec.into()),
+        owner: stat.st_uid,
+        is_open_to_others: Mode::from_raw_mode(stat.st_mode).intersects(Mode::WGRP | Mode::WOTH),
     }
 }
 
@@ -112,6 +114,14 @@ pub(super) fn open_given(place: &RootedPath) -> io::Result<(File, Metadata)> {
     let file = file.map_err(|error| if error == Errno::NXIO { Foreign::error(place, Kind::Socket) } else { error.into() })?;
     let metadata = metadata(&fstat(&file)?);
     if metadata.kind == Kind::File { Ok((File::from(file), metadata)) } else { Err(Foreign::error(place, metadata.kind)) }
+}
+
+/// A new file that nobody else may read or write, for writing.
+pub(super) fn create_private(place: &RootedPath) -> io::Result<(File, Metadata)> {
+    let (folder, name) = holder(place)?;
+    let file = openat(&folder, name, OFlags::WRONLY | OFlags::CREATE | OFlags::EXCL | PLAIN, Mode::RUSR | Mode::WUSR)?;
+    let metadata = metadata(&fstat(&file)?);
+    Ok((File::from(file), metadata))
 }
 
 /// A new file, for writing.

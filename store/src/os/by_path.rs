@@ -21,7 +21,7 @@ fn kind(file_type: FileType) -> Kind {
 fn metadata(found: &fs::Metadata) -> Metadata {
     let since = found.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok()).unwrap_or_default();
     let modified = u64::try_from(since.as_nanos()).unwrap_or(u64::MAX);
-    Metadata { kind: kind(found.file_type()), len: found.len(), modified, changed: modified }
+    Metadata { kind: kind(found.file_type()), len: found.len(), modified, changed: modified, owner: 0, is_open_to_others: false }
 }
 
 /// Every folder on the way to `place` is one.
@@ -75,6 +75,12 @@ pub(super) fn open_given(place: &RootedPath) -> io::Result<(File, Metadata)> {
 pub(super) fn create(place: &RootedPath) -> io::Result<File> {
     prove(place)?;
     File::create_new(&**place)
+}
+
+/// As [`create`], with what the system knows about it.
+pub(super) fn create_private(place: &RootedPath) -> io::Result<(File, Metadata)> {
+    let file = create(place)?;
+    Ok((file, look(place)?))
 }
 
 /// A file for reading and writing, made when there is none.

@@ -130,7 +130,7 @@ impl Chroma {
 
     pub(super) fn new(source: Source<'_>, width: usize, height: usize, step: usize) -> Result<Self, crate::error::RuntimeError> {
         let (width, height) = (width / step, height / step);
-        source.check_memory("chroma", (width as u64).saturating_mul(height as u64).saturating_mul(8))?;
+        let _widened = source.take_memory("chroma", (width as u64).saturating_mul(height as u64).saturating_mul(8))?;
         Ok(Self { step, width, height, samples: vec![[0.0; 2]; width * height] })
     }
 

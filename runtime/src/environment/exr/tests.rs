@@ -157,7 +157,7 @@ fn luminance_and_chroma_are_colours_in_every_lossless_compression() {
         for at in (0..file.len()).step_by(5) {
             let mut damaged = file.clone();
             damaged[at] ^= 0xff;
-            let _ = Environment::decode_as("damaged", &damaged, &MapOptions::default(), &Limits { max_bytes: 64 << 20 });
+            let _ = Environment::decode_as("damaged", &damaged, &MapOptions::default(), &Limits::new(64 << 20));
         }
     }
     let without_colour = luminance_chroma(Compression::PIZ, [8, 8], |_, _| 2.0, [0.0; 2]);
