@@ -112,7 +112,8 @@ pub fn run(args: RenderArgs, context: &Context) -> Result<Summary, Failure> {
     summary.set("image", args.output.display().to_string());
     let size = [args.view.size.0 as usize, args.view.size.1 as usize];
     let moves = args.moves.clone();
-    let picture = Picture { camera, size, samples: args.samples as usize, clay: args.clay, direct: args.direct, moves, shadows: !args.no_shares };
+    let picture =
+        Picture { camera, size, samples: args.samples as usize, clay: args.clay, direct: args.direct, moves, shadows: !args.no_shares };
     let relit =
         if args.reference_only { None } else { Some(relight(&asset, &environment, &picture, args.accuracy.accuracy(), &mut summary)?) };
     summary.set("seconds.open", open);
@@ -173,7 +174,7 @@ pub struct Move {
     pub pose: Pose,
 }
 
-/// Reads NAME=X,Y,Z[,RX,RY,RZ].
+/// Reads `NAME=X,Y,Z[,RX,RY,RZ]`.
 fn moved(text: &str) -> Result<Move, String> {
     let wanted = "NAME=X,Y,Z or NAME=X,Y,Z,RX,RY,RZ in metres and degrees";
     let (name, numbers) = text.rsplit_once('=').ok_or(format!("wanted: {wanted}"))?;

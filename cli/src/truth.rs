@@ -88,7 +88,13 @@ impl<'a> Truth<'a> {
     ///
     /// # Errors
     /// An object that does not move, or is not there; what does not fit the asset's budget.
-    pub fn moved(asset: &'a Asset, environment: &'a Environment, samples: u32, bounces: Option<u32>, moves: &[Move]) -> Result<Self, Failure> {
+    pub fn moved(
+        asset: &'a Asset,
+        environment: &'a Environment,
+        samples: u32,
+        bounces: Option<u32>,
+        moves: &[Move],
+    ) -> Result<Self, Failure> {
         let bounces = bounces.unwrap_or_else(|| usual_bounces(asset));
         let (what, needed, budget) = ("tracing the geometry".to_string(), traced_bytes(asset), asset.budget());
         let refused = || RuntimeError::Memory { what, needed, limit: budget.left() };

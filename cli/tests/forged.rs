@@ -101,7 +101,8 @@ fn hostile() -> Vec<(&'static str, Vec<u8>)> {
     let mut forge = whole();
     forge.change_first(ChunkKind::Texture, |plain| {
         plain.truncate(64);
-        (set_u32(plain, 8, 1 << 31), set_u32(plain, 12, 1 << 31));
+        set_u32(plain, 8, 1 << 31);
+        set_u32(plain, 12, 1 << 31);
     });
     files.push(("texture", forge.pack(FormChoice::Auto)));
 

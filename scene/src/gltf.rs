@@ -111,7 +111,7 @@ pub(crate) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
     if origin != [0.0; 3] {
         placed.iter_mut().for_each(|placed| origin::shift(&mut placed.world_from_local, origin, -1.0));
         shapes.iter_mut().filter_map(|shape| shape.rest.as_mut()).for_each(|rest| origin::shift(rest, origin, -1.0));
-        joints.iter_mut().flat_map(|joints| Arc::make_mut(joints)).for_each(|joint| origin::shift(joint, origin, -1.0));
+        joints.iter_mut().flat_map(Arc::make_mut).for_each(|joint| origin::shift(joint, origin, -1.0));
         for (camera, (index, world)) in tree.cameras.iter_mut().zip(&mut tree.camera_worlds) {
             origin::shift(world, origin, -1.0);
             camera.camera = node::perspective(&root, *index, world).unwrap_or(camera.camera);

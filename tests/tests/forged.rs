@@ -52,7 +52,8 @@ fn no_count_in_a_chunk_is_believed() {
         let mut forge = whole();
         forge.change_first(ChunkKind::Texture, |plain| {
             plain.truncate(64);
-            (set_u32(plain, 8, width), set_u32(plain, 12, height));
+            set_u32(plain, 8, width);
+            set_u32(plain, 12, height);
         });
         refused(&mut forge, "texture", "disagree");
     }

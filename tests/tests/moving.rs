@@ -42,7 +42,7 @@ fn stage() -> Scene {
 
 fn with_movers(scene: &Scene, moving: &[&str], quality: FieldQuality) -> BakeOptions {
     let moves = scene.objects.iter().map(|object| moving.contains(&&object.name[..])).collect();
-    BakeOptions { movers: Movers { moves, field_quality: quality, ..Movers::default() }, ..options(scene, 0.05) }
+    BakeOptions { movers: Movers { moves, field_quality: quality }, ..options(scene, 0.05) }
 }
 
 fn baked(scene: &Scene, options: &BakeOptions, folder: &Path) -> (Arc<Asset>, BakeStats) {

@@ -258,8 +258,11 @@ mod tests {
 
     #[test]
     fn rows_round_trip_and_no_cut_of_them_is_taken() {
-        let ray =
-            |k: usize| Ray { target: if k % 3 == 0 { NOBODY } else { (k % 2) as u16 }, point: k as u8, far: rounded_up(k as f32 * 0.3) };
+        let ray = |k: usize| Ray {
+            target: if k.is_multiple_of(3) { NOBODY } else { (k % 2) as u16 },
+            point: k as u8,
+            far: rounded_up(k as f32 * 0.3),
+        };
         let rows = Rows {
             targets: vec![[1; 16], [2; 16]],
             gather: vec![1],

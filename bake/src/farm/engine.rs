@@ -157,8 +157,7 @@ impl Engine for Farm {
             of.shards_per_task
         ));
         let mut watch = Watch::new(self, &file, &of, store, progress);
-        let result =
-            watch.begin().and_then(|()| run_here(round, here, store, progress)).and_then(|bytes| watch.to_the_end().map(|()| bytes));
+        let result = watch.begin().and_then(|()| run_here(round, here, store, progress)).and_then(|bytes| watch.run_out().map(|()| bytes));
         if let Err(error) = &result
             && !(matches!(error, BakeError::Cancelled) && self.options.leave)
         {
@@ -216,7 +215,7 @@ impl<'a> Watch<'a> {
     }
 
     /// Looks again and again until all shards are done.
-    fn to_the_end(&mut self) -> Result<(), BakeError> {
+    fn run_out(&mut self) -> Result<(), BakeError> {
         loop {
             self.collect()?;
             if !self.done.contains(&false) {

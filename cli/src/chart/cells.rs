@@ -168,8 +168,10 @@ impl Chart<'_> {
         let small = [(width / SHARE).max(1), (height / SHARE).max(1)];
         let probe = Truth::new(self.cells.asset, &light.environment, SAMPLES, Some(self.bounces()))?;
         let size = small.map(|side| side as usize);
-        let traced = probe
-            .picture(&Picture { camera: view.camera, size, samples: 1, clay: false, direct: false, moves: Vec::new(), shadows: true }, self.context)?;
+        let traced = probe.picture(
+            &Picture { camera: view.camera, size, samples: 1, clay: false, direct: false, moves: Vec::new(), shadows: true },
+            self.context,
+        )?;
         let pixels = f64::from(width * height) / f64::from(small[0] * small[1]);
         let reference = traced.seconds * pixels * f64::from(self.args.reference.max(SAMPLES)) / f64::from(SAMPLES);
         Ok(reference + self.cells.shading_seconds(light, view, picture, self.context.jobs))

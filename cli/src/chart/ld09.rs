@@ -146,7 +146,15 @@ struct Ld09<'a> {
 impl Ld09<'_> {
     fn picture(&self, view: &ChartView) -> Picture {
         let size = [self.args.size.0 as usize, self.args.size.1 as usize];
-        Picture { camera: view.camera, size, samples: self.args.samples as usize, clay: false, direct: false, moves: Vec::new(), shadows: true }
+        Picture {
+            camera: view.camera,
+            size,
+            samples: self.args.samples as usize,
+            clay: false,
+            direct: false,
+            moves: Vec::new(),
+            shadows: true,
+        }
     }
 
     /// Figures of an asset in every view under every light; pictures of them if they are wanted.

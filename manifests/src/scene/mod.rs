@@ -26,8 +26,8 @@ pub mod sections;
 pub mod template;
 
 pub use sections::{
-    AlphaModeName, BakeSection, BouncesSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, Projection, ScenePart, SceneSource,
-    VmfTransferSection,
+    AlphaModeName, BakeSection, BouncesSection, Brdf, EnvironmentEntry, Limits, MaterialRule, ObjectRule, Projection, ScenePart,
+    SceneSource, VmfTransferSection,
 };
 
 use crate::{ManifestError, Techniques, version};

@@ -25,6 +25,7 @@ const POINT_BYTES: u64 = 160;
 const TRANSFER_BYTES: u64 = 96;
 const NORMAL_MAP_BYTES: u64 = 40;
 const DETAIL_BYTES: u64 = 56;
+const BOUNCE_BYTES: u64 = 160;
 
 /// Charges that an asset keeps as long as it lives.
 #[derive(Debug)]
@@ -78,9 +79,14 @@ pub(super) fn listed_bytes(content: &AssetContent) -> u64 {
 
 /// Bytes that one relighter holds for each point.
 pub(super) fn point_bytes(content: &AssetContent, has_normal_map: bool, has_detail: bool) -> u64 {
-    let has_transfer = content.objects.iter().flat_map(|object| &object.patches).any(|patch| patch.factor(ChunkKind::Transfer).is_some());
+    let has = |kind| content.objects.iter().flat_map(|object| &object.patches).any(|patch| patch.factor(kind).is_some());
+    let (has_transfer, has_links) = (has(ChunkKind::Transfer), has(ChunkKind::Links));
     let some = |has: bool, bytes: u64| if has { bytes } else { 0 };
-    POINT_BYTES + some(has_transfer, TRANSFER_BYTES) + some(has_normal_map, NORMAL_MAP_BYTES) + some(has_detail, DETAIL_BYTES)
+    POINT_BYTES
+        + some(has_transfer, TRANSFER_BYTES)
+        + some(has_normal_map, NORMAL_MAP_BYTES)
+        + some(has_detail, DETAIL_BYTES)
+        + some(has_links, BOUNCE_BYTES)
 }
 
 /// Fails when the same chunks are named so often that looking at them would take far longer than their bytes justify.

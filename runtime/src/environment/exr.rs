@@ -218,7 +218,7 @@ fn decompress_chunk(chunk: Chunk, meta: &MetaData) -> ::exr::error::Result<Uncom
     let place = header.get_absolute_block_pixel_coordinates(header.get_block_data_indices(&chunk.compressed_block)?)?;
     let top = i64::from(place.position.y()) + i64::from(header.own_attributes.layer_position.y());
     let bytes = chroma::block_bytes(header, top, place.size.x(), place.size.y());
-    if bytes == 0 || bytes % place.size.area() != 0 {
+    if bytes == 0 || !bytes.is_multiple_of(place.size.area()) {
         return Err(::exr::error::Error::NotSupported("luminance and chroma of these sample types".into()));
     }
     let mut meta = meta.clone();

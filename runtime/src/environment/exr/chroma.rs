@@ -139,7 +139,7 @@ impl Chroma {
         // The nearest samples at and after the pixel; the last one stands in beyond the end.
         let along = |at: usize, n: usize| {
             let low = (at / self.step).min(n - 1);
-            let high = if at % self.step == 0 { low } else { (low + 1).min(n - 1) };
+            let high = if at.is_multiple_of(self.step) { low } else { (low + 1).min(n - 1) };
             [low, high]
         };
         let (columns, rows) = (along(x, self.width), along(y, self.height));
