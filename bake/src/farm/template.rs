@@ -13,7 +13,7 @@ const TEMPLATES: [(&str, &str); 4] = [
     ("opencue", include_str!("template/opencue.xml")),
 ];
 
-/// What a job file needs to know.
+/// Values of a job file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TemplateValues {
     /// The store, as workers name it.
