@@ -158,7 +158,7 @@ impl Engine for Farm {
         ));
         let mut watch = Watch::new(self, &file, &of, store, progress);
         let result =
-            watch.begin().and_then(|()| run_here(round, here, store, progress)).and_then(|bytes| watch.to_the_end().map(|()| bytes));
+            watch.begin().and_then(|()| run_here(round, here, store, progress)).and_then(|bytes| watch.watch_all().map(|()| bytes));
         if let Err(error) = &result
             && !(matches!(error, BakeError::Cancelled) && self.options.leave)
         {
@@ -218,7 +218,7 @@ impl<'a> Watch<'a> {
     }
 
     /// Looks again and again until all shards are done.
-    fn to_the_end(&mut self) -> Result<(), BakeError> {
+    fn watch_all(&mut self) -> Result<(), BakeError> {
         loop {
             self.collect()?;
             if !self.done.contains(&false) {
