@@ -67,7 +67,7 @@ mod tests {
     use std::path::Path;
 
     fn values() -> TemplateValues {
-        TemplateValues { store: "s3://bucket/bakes".into(), image: "registry.example/prelight:0.1".into(), threads: 4 }
+        TemplateValues { store: "/shared/bakes".into(), image: "registry.example/prelight:0.1".into(), threads: 4 }
     }
 
     #[test]
