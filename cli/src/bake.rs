@@ -34,14 +34,14 @@ pub struct BakeArgs {
     pub knobs: BakeKnobs,
     #[command(flatten)]
     pub rebake: RebakeArgs,
-    #[command(flatten)]
-    pub engine: EngineArgs,
     /// Go on past a scene that fails; then end with 5
     #[arg(long)]
     pub keep_going: bool,
     /// Stop after this time, as 8h or 1h30min, and end with 5; run again to go on
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub deadline: Option<Duration>,
+    #[command(flatten)]
+    pub engine: EngineArgs,
 }
 
 /// What is baked, and how much what the store has is trusted.

@@ -3,8 +3,12 @@
 use super::opened_store::open_store;
 use super::{Context, Failure, Summary};
 use clap::{Args, Subcommand};
+use prelight_bake::BakeError;
+use prelight_bake::farm::RoundFile;
 use prelight_bake::farm::{index, worker};
 use prelight_manifests::Digest;
+use prelight_store::Store;
+use std::ops::Range;
 
 /// Bake shards of a round that a farm was given; what engines run, seldom people
 #[derive(Args, Debug)]
@@ -47,7 +51,10 @@ pub fn run(args: ShardArgs, context: &Context) -> Result<Summary, Failure> {
     };
     let store = open_store(context)?;
     let shards = |n| worker::shards_of(index, args.index_base, args.shards_per_task as usize, n);
-    let report = worker::run(&args.round, shards, &store, context.progress())?;
+    let report = match context.dry_run {
+        true => known_of(&args.round, shards, &store)?,
+        false => worker::run(&args.round, shards, &store, context.progress())?,
+    };
     let mut summary = Summary::new();
     summary
         .set("round", args.round.to_string())
@@ -61,8 +68,27 @@ pub fn run(args: ShardArgs, context: &Context) -> Result<Summary, Failure> {
     let text = match (report.shards, baked) {
         (0, _) => format!("task {task} is past the end of the round: {} shards are all there are\n", report.of),
         (_, 0) => format!("task {task}: all {} shards were done\n", report.shards),
+        (n, _) if context.dry_run => format!("task {task}: {baked} of {n} shards would be baked, {} points\n", report.points),
         (n, _) => format!("task {task}: {baked} of {n} shards baked, {} points\n", report.points),
     };
     summary.set_text(text);
     Ok(summary)
+}
+
+/// Counts of what a task would do.
+fn known_of(
+    round: &Digest,
+    task: impl FnOnce(usize) -> Result<Range<usize>, BakeError>,
+    store: &Store,
+) -> Result<worker::TaskReport, Failure> {
+    let file = RoundFile::read(round, store)?;
+    let shards = task(file.shards.len())?;
+    let mut report = worker::TaskReport { of: file.shards.len(), shards: shards.len(), ..worker::TaskReport::default() };
+    for shard in shards {
+        match file.is_done(shard, store)? {
+            true => report.known += 1,
+            false => report.points += file.shards[shard].points,
+        }
+    }
+    Ok(report)
 }

@@ -16,7 +16,7 @@ function compileJob(job) {
             exe: "prelight",
             args: [
                 "shard", "run",
-                "--store", "s3://bucket/bakes",
+                "--store", "/shared/bakes",
                 "--round", job.settings.round,
                 "--index", `${index}`,
                 "--shards-per-task", `${job.settings.shards_per_task}`,

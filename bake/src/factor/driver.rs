@@ -62,7 +62,7 @@ impl<'a, F: Factor> FactorRound<'a, F> {
 }
 
 impl<F: Factor> FactorRound<'_, F> {
-    /// What came of the patches, once all of them ran in this process: their chunks, and a digest of what is kept beside them.
+    /// Results of the patches, once all of them ran in this process: their chunks, and a digest of what is kept beside them.
     pub(crate) fn into_evidence(self) -> Option<(Vec<Descriptor>, Digest)> {
         let mut hasher = blake3::Hasher::new();
         let mut chunks = Vec::with_capacity(self.done.len());

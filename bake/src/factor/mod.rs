@@ -116,7 +116,7 @@ pub(crate) trait Factor: Sync {
     /// As [`crate::engine::Round::describe`].
     fn describe(&self, patches: Range<usize>) -> Option<Vec<u8>>;
 
-    /// What is kept of a patch, in bytes: of two runs of it they must be the same.
+    /// Bytes of what is kept of a patch: of two runs of it they must be the same.
     fn evidence(&self, kept: &Self::Kept) -> Vec<u8>;
 
     /// Kind of the chunks.

@@ -46,7 +46,7 @@ pub trait Technique: Any + Debug + Send + Sync {
     /// Prepares what is the same for all objects of a scene.
     fn begin<'a>(&'a self, inputs: &'a SceneInputs<'a>) -> Box<dyn SceneFactors + 'a>;
 
-    /// What another process needs beside the name to make this technique ([`crate::farm`] knows those that are built in); `None` where only this
+    /// Parameters by which another process that knows the name makes this technique ([`crate::farm`] knows those that are built in); `None` where only this
     /// process has it.
     fn parameters(&self) -> Option<serde_json::Value> {
         None

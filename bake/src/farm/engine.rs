@@ -157,7 +157,8 @@ impl Engine for Farm {
             of.shards_per_task
         ));
         let mut watch = Watch::new(self, &file, &of, store, progress);
-        let result = watch.begin().and_then(|()| run_here(round, here, store, progress)).and_then(|bytes| watch.run_out().map(|()| bytes));
+        let result =
+            watch.begin().and_then(|()| run_here(round, here, store, progress)).and_then(|bytes| watch.watch_all().map(|()| bytes));
         if let Err(error) = &result
             && !(matches!(error, BakeError::Cancelled) && self.options.leave)
         {
@@ -187,13 +188,15 @@ struct Watch<'a> {
     doubled: BTreeSet<u32>,
     /// Since when nothing got done and the queue did not answer.
     silent: Option<Instant>,
+    /// When something was done or seen running last; `None` once it was said that this is long ago.
+    stirred: Option<Instant>,
 }
 
 impl<'a> Watch<'a> {
     fn new(farm: &'a Farm, file: &'a RoundFile, of: &'a Submission, store: &'a Store, progress: &'a dyn Progress) -> Self {
         let (done, submitted) = (vec![false; file.shards.len()], vec![0; of.n_tasks as usize]);
         let (absent, ran, doubled) = Default::default();
-        Watch { farm, file, of, store, progress, done, submitted, absent, ran, doubled, silent: None }
+        Watch { farm, file, of, store, progress, done, submitted, absent, ran, doubled, silent: None, stirred: Some(Instant::now()) }
     }
 
     fn shards(&self, task: u32) -> Range<usize> {
@@ -215,7 +218,7 @@ impl<'a> Watch<'a> {
     }
 
     /// Looks again and again until all shards are done.
-    fn run_out(&mut self) -> Result<(), BakeError> {
+    fn watch_all(&mut self) -> Result<(), BakeError> {
         loop {
             self.collect()?;
             if !self.done.contains(&false) {
@@ -224,6 +227,7 @@ impl<'a> Watch<'a> {
             match self.farm.queue.alive(self.of) {
                 Ok(alive) => {
                     self.silent = None;
+                    self.complain_of_standstill(&alive);
                     self.submit_again(&alive)?;
                 }
                 Err(error) => self.bear(error)?,
@@ -238,11 +242,23 @@ impl<'a> Watch<'a> {
         for shard in 0..self.done.len() {
             if !self.done[shard] && self.file.is_done(shard, self.store)? {
                 self.done[shard] = true;
-                self.silent = None;
+                (self.silent, self.stirred) = (None, Some(Instant::now()));
                 self.progress.advance(self.file.shards[shard].points);
             }
         }
         Ok(())
+    }
+
+    /// Says once that all tasks wait and none runs: nodes that are drained or full are nobody's to mend here.
+    fn complain_of_standstill(&mut self, alive: &[Alive]) {
+        if alive.iter().any(|alive| alive.running.is_some()) {
+            self.stirred = Some(Instant::now());
+        }
+        if self.stirred.is_some_and(|since| since.elapsed() > self.farm.options.patience) {
+            let (name, minutes) = (self.farm.queue.name(), self.farm.options.patience.as_secs() / 60);
+            self.progress.warning(&format!("{name}: no task has run for {minutes} minutes, {} wait: ask the queue why", alive.len()));
+            self.stirred = None;
+        }
     }
 
     /// Submits tasks that are lost, and copies of those that take far longer than the others.

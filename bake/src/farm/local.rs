@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 pub struct WorkerCommand {
     /// The program.
     pub program: PathBuf,
-    /// The store, as a worker can name it: an absolute path or a URL.
+    /// The store, as a worker can name it: an absolute path.
     pub store: String,
     /// Threads of a worker.
     pub threads: u32,

@@ -36,7 +36,7 @@ pub struct RoundFile {
     pub technique: String,
     /// Number of the factor among those that it adds.
     pub factor: u32,
-    /// What is run, recorded and lost together.
+    /// Shards: each is run, recorded and lost as one.
     pub shards: Vec<ShardFile>,
 }
 

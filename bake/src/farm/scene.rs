@@ -32,7 +32,7 @@ const KIND: ChunkKind = ChunkKind::custom("farm:scene");
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
     format: u32,
-    /// What belongs to the scene as a whole, as an asset has it; it has no objects.
+    /// Content of the scene as a whole, as an asset has it; it has no objects.
     content: AssetContent,
     objects: Vec<ObjectFile>,
     tree: String,
@@ -65,7 +65,7 @@ struct TechniqueFile {
 pub struct WorkerScene {
     /// The scene, without cameras and names.
     pub scene: Scene,
-    /// The same flattened.
+    /// Triangles of the scene, flattened.
     pub world: World,
     /// `[objects]` metres.
     pub edge_lengths: Vec<f32>,

@@ -5,7 +5,7 @@
 //! sbatch --array=3,7,10-14 --wrap "exec prelight shard run … --index-env SLURM_ARRAY_TASK_ID --index-base <base>"
 //! ```
 //!
-//! What was seen of Slurm 22.05 on one machine: kill -9 of its controller loses jobs without a word and gives their numbers out again; a node
+//! Seen of Slurm 22.05 on one machine: kill -9 of its controller loses jobs without a word and gives their numbers out again; a node
 //! that looks dead may run on, so that a task runs twice; a task held for good stays in the queue. Hence nothing here is believed for long.
 
 use super::local::WorkerCommand;
@@ -18,7 +18,7 @@ use std::time::Duration;
 /// Slurm's own limit, where it does not say.
 const MAX_ARRAY_SIZE: u32 = 1001;
 
-/// What the user's Slurm wants to know.
+/// Options of the user's Slurm.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SlurmOptions {
     /// Partition; the default one where there is none.
@@ -143,7 +143,7 @@ pub fn cancel_jobs(name: &str) -> Result<(), QueueError> {
     run(Command::new("scancel").arg(format!("--name={name}"))).map(drop)
 }
 
-/// What a queue says, for people.
+/// Words of a queue, for people.
 pub fn words(error: QueueError) -> String {
     match error {
         QueueError::Unreachable(what) | QueueError::Refused(what) => what,
@@ -180,7 +180,7 @@ fn run(command: &mut Command) -> Result<String, QueueError> {
     answer(command, output)
 }
 
-/// The same with a text on its input.
+/// Runs a command with a text on its input.
 fn run_with(command: &mut Command, input: &str) -> Result<String, QueueError> {
     let child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     let output = child.and_then(|mut child| {
@@ -191,7 +191,7 @@ fn run_with(command: &mut Command, input: &str) -> Result<String, QueueError> {
     answer(command, output)
 }
 
-/// What Slurm says when its controller is away for a while.
+/// Words of Slurm when its controller is away for a while.
 const PASSING: [&str; 8] = [
     "unable to contact slurm controller",
     "socket timed out",

@@ -13,7 +13,7 @@ const TEMPLATES: [(&str, &str); 4] = [
     ("opencue", include_str!("template/opencue.xml")),
 ];
 
-/// What a job file needs to know.
+/// Values of a job file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TemplateValues {
     /// The store, as workers name it.
@@ -67,7 +67,7 @@ mod tests {
     use std::path::Path;
 
     fn values() -> TemplateValues {
-        TemplateValues { store: "s3://bucket/bakes".into(), image: "registry.example/prelight:0.1".into(), threads: 4 }
+        TemplateValues { store: "/shared/bakes".into(), image: "registry.example/prelight:0.1".into(), threads: 4 }
     }
 
     #[test]

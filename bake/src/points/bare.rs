@@ -33,7 +33,7 @@ pub(crate) struct BarePatches {
     pub surfaces: Option<ObjectSurfaces>,
 }
 
-/// What [`ObjectPlan::bare`] is made of. Arrays have one element a point.
+/// Parts of [`ObjectPlan::bare`]. Arrays have one element a point.
 #[derive(Default)]
 pub(crate) struct BarePoints {
     /// Index of the object in the scene.

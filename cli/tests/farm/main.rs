@@ -1,4 +1,4 @@
-//! The same asset from workers: processes, a Slurm that is acted, a real one where it can be had; and what a worker is told that makes no sense.
+//! Workers give the asset of threads: as processes, on a Slurm that is acted, on a real one where it can be had; and refuse what makes no sense.
 #![cfg(unix)]
 
 mod acted_slurm;

@@ -58,6 +58,8 @@ fn a_worker_needs_only_the_store_and_runs_any_number_of_times() {
         command.args(["--round", &round, "--shards-per-task", per_task, "--json"]).env("JOB_COMPLETION_INDEX", index);
         command
     };
+    let would = done(run("0", "2").arg("--dry-run"));
+    assert_eq!((would["shards"]["known"].as_u64(), would["bytes"]["stored"].as_u64()), (Some(0), Some(0)), "{would}");
     // Two at once, twice the same.
     let mut copies: Vec<Child> = (0..2).map(|_| run("0", "2").stdout(Stdio::null()).spawn().unwrap()).collect();
     copies.iter_mut().for_each(|copy| assert_eq!(copy.wait().unwrap().code(), Some(0)));
