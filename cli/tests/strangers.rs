@@ -191,7 +191,7 @@ fn escape_sequences_in_names_never_reach_the_terminal() {
     };
     let bake = ["bake", file, "--points", "300", "-o", "out.prelight.json"];
     let only = ["plan", file, "--points", "300", "--only", "\x1b[31m*"];
-    let verbs: [&[&str]; 10] = [
+    let verbs: [&[&str]; 13] = [
         &["check", file],
         &["plan", file, "--points", "300"],
         &bake,
@@ -202,6 +202,9 @@ fn escape_sequences_in_names_never_reach_the_terminal() {
         &["render", "out.prelight.json", "-e", "\x1b[31mnowhere.hdr"],
         &["check", "missing\x1b[2J.glb"],
         &["diff", "out.prelight.json", "\x1b[2J.json"],
+        &["check", "--\x1b[2Jbogus"],
+        &["render", "out.prelight.json", "-e", "x.hdr", "--samples", "\x1b[31m1"],
+        &["\u{9b}2Jverb"],
     ];
     for arguments in verbs {
         is_clean(&prelight(folder.path()).args(arguments).output().unwrap(), arguments);

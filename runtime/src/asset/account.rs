@@ -61,14 +61,28 @@ pub(crate) fn charge(budget: &Budget, what: &str, bytes: u64) -> Result<Charge, 
 
 /// Upper bound of the bytes that JSON text becomes as a list of `T`, and of the copies that are made of it.
 pub(super) fn list_bytes<T>(json: &[u8]) -> u64 {
-    let count = |wanted: &[u8]| json.iter().filter(|byte| wanted.contains(byte)).count() as u64;
-    count(b"{") * COPIES * size_of::<T>() as u64 + count(b",[") * ELEMENT_BYTES + json.len() as u64
+    text_bytes(json, COPIES * size_of::<T>() as u64)
 }
 
 /// Upper bound of the bytes that the text of a manifest becomes.
 pub fn manifest_bytes(json: &[u8]) -> u64 {
-    let count = |wanted: &[u8]| json.iter().filter(|byte| wanted.contains(byte)).count() as u64;
-    count(b"{") * 3 * size_of::<Descriptor>() as u64 + count(b",[") * ELEMENT_BYTES + json.len() as u64
+    text_bytes(json, 3 * size_of::<Descriptor>() as u64)
+}
+
+/// With so many bytes an object of the text.
+fn text_bytes(json: &[u8], per_object: u64) -> u64 {
+    let (mut objects, mut elements) = (0, 0);
+    // As many as a byte can count, so that sixteen are counted at once.
+    for part in json.chunks(255) {
+        objects += count(part, |byte| byte == b'{');
+        elements += count(part, |byte| byte == b',' || byte == b'[');
+    }
+    objects * per_object + elements * ELEMENT_BYTES + json.len() as u64
+}
+
+/// How many of at most 255 bytes are such.
+fn count(part: &[u8], is_such: impl Fn(u8) -> bool) -> u64 {
+    u64::from(part.iter().fold(0u8, |n, byte| n.wrapping_add(u8::from(is_such(*byte)))))
 }
 
 /// Bytes that the parts of an asset take that its manifest lists.

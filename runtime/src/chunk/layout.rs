@@ -23,12 +23,17 @@ const LONGEST_PART: f32 = 1.001;
 
 /// Whether all numbers are finite and not beyond [`LARGEST`].
 pub(crate) fn are_moderate<const N: usize>(values: &[[f32; N]]) -> bool {
-    values.as_flattened().iter().all(|x| x.abs() <= LARGEST)
+    are_within(values.as_flattened(), LARGEST)
 }
 
 /// Whether all could be unit vectors, or means of some.
 pub(crate) fn are_directions<const N: usize>(values: &[[f32; N]]) -> bool {
-    values.as_flattened().iter().all(|x| x.abs() <= LONGEST_PART)
+    are_within(values.as_flattened(), LONGEST_PART)
+}
+
+/// Whether no number is larger either way, or none at all. All are looked at, which is faster than to stop at the first: lanes have no exits.
+fn are_within(values: &[f32], largest: f32) -> bool {
+    values.iter().fold(true, |all, x| all & (x.abs() <= largest))
 }
 
 /// The product of counts that a file claims, `None` where it does not fit into 64 bits: whatever is made of such counts goes through here.
