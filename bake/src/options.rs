@@ -42,7 +42,7 @@ pub struct BakeOptions {
 pub struct Movers {
     /// One per object; may be shorter.
     pub moves: Vec<bool>,
-    /// Of their fields.
+    /// Quality of their fields.
     pub field_quality: FieldQuality,
 }
 

@@ -170,7 +170,7 @@ pub struct Picture {
 pub struct Move {
     /// Object's name.
     pub name: String,
-    /// Of its own space.
+    /// Pose of its own space.
     pub pose: Pose,
 }
 

@@ -9,9 +9,11 @@
 //! # Ok(()) }
 //! ```
 //!
-//! Light is the sum of [`crate::light::Layer`]s, by default those of [`Techniques::built_in`]. Light that came over other surfaces is added where it
+//! Light is the sum of [`crate::light::Layer`]s, by default those of [`Techniques::built_in`]. Light that came over other surfaces is
+//! added where it
 //! was baked ([`Relighter::set_indirect`] turns that off). Direct highlights between points are looked up per pixel where
-//! [`Relighter::set_highlights`] asks for it, as it does from the start where there is indirect light. For both, preparing a light also filters it;
+//! [`Relighter::set_highlights`] asks for it, as it does from the start where there is indirect light. For both, preparing a light also
+//! filters it;
 //! without, [`Relighter::set_light`] does not allocate after its first call. [`Relighter::shade`] never does. Diffuse light is
 //! computed once per light and patch, and kept while only the view moves; glossy light follows the eye, to an [`Accuracy`].
 //! [`Relighter::set_material`] changes a surface without a bake.
@@ -75,7 +77,8 @@ pub struct View {
 }
 
 impl Relighter {
-    /// Buffers for all points: 80 bytes each, 146 more where light bounces, 88 where the asset has transfer, 52 with highlights, 32 with normal maps, 72 where lights
+    /// Buffers for all points: 80 bytes each, 146 more where light bounces, 88 more where the asset has transfer, 52 with highlights, 32 with normal maps, 72 where
+    /// lights
     /// are changes of each other. An asset may have many relighters.
     pub fn new(asset: impl Into<Arc<Asset>>) -> Self {
         Relighter::with_techniques(asset, Techniques::built_in())
@@ -212,8 +215,10 @@ impl<B: Backend> Relighter<B> {
         self.surfaces.set(&self.asset, index, material)
     }
 
-    /// Puts an object that moves somewhere: a column-major transform of its own space into the world that moves and turns it; scales are baked. The next
-    /// [`Relighter::view`] and [`Relighter::shade`] show it. Its light and its shadow follow; light that comes over it from other surfaces does not.
+    /// Puts an object that moves somewhere: a column-major transform of its own space into the world that moves and turns it; scales are
+    /// baked. The next
+    /// [`Relighter::view`] and [`Relighter::shade`] show it. Its light and its shadow follow; light that comes over it from other surfaces
+    /// does not.
     ///
     /// # Errors
     /// A name that no moving object has; a transform that does more than move and turn, or is not finite. Nothing is changed then.
@@ -263,7 +268,8 @@ impl<B: Backend> Relighter<B> {
         Ok(())
     }
 
-    /// [`Relighter::set_light`] for a light that differs little from the last one: where few blocks of the cubemap changed, patches that were
+    /// [`Relighter::set_light`] for a light that differs little from the last one: where few blocks of the cubemap changed, patches that
+    /// were
     /// shaded under the last one are updated by the difference when they are shaded again, without drift
     /// ([`crate::block_product::change::LightChange`]). Patches with a normal map are summed anew.
     ///

@@ -1,7 +1,10 @@
-//! The field of an occluder, traced: for every place around it, how much of each texel of a map it blocks. Layout: `prelight_runtime::square_light::field`.
+//! The field of an occluder, traced: for every place around it, how much of each texel of a map it blocks. Layout:
+//! `prelight_runtime::square_light::field`.
 //!
-//! Four rays a texel, those inside of the cone of the sphere around what blocks. Counts are integers and places come from + − × ÷ √ and `libm`, so no bit depends
-//! on threads. The key is of the mesh in its own space alone: moving, turning, renaming or repainting the object, and any edit elsewhere, redo nothing.
+//! Four rays a texel, those inside of the cone of the sphere around what blocks. Counts are integers and places come from + − × ÷ √ and
+//! `libm`, so no bit depends
+//! on threads. The key is of the mesh in its own space alone: moving, turning, renaming or repainting the object, and any edit elsewhere,
+//! redo nothing.
 
 use crate::error::BakeError;
 use crate::progress::{Progress, check};

@@ -7,7 +7,8 @@
 //! | the block product on the same points: error and time | none |
 //! | what movers take where the scene has them: L2 of diffuse light with shares, and with movers left out | Figs. 12 to 14 |
 //!
-//! Truth at points is the sum over texels, of movers the traced bits. Times are of one thread's CPU. Seeing a point costs the sums over all texels here, so that
+//! Truth at points is the sum over texels, of movers the traced bits. Times are of one thread's CPU. Seeing a point costs the sums over
+//! all texels here, so that
 //! every K has exact visibility; the figure is told apart from that of the squares.
 
 use crate::clock::{process_seconds, thread_nanoseconds};
@@ -72,7 +73,7 @@ pub struct SurfaceRow {
     pub points: u64,
     /// Relative L2 by [`SQUARES`] with the area fit.
     pub area_fit: [f64; 4],
-    /// The same with the energy fit.
+    /// Relative L2 by [`SQUARES`] with the energy fit.
     pub energy_fit: [f64; 4],
     /// CPU time per point of 30 squares, what the point sees taken as known.
     pub ns_30: f64,
@@ -97,7 +98,7 @@ pub struct MoverRow {
     pub taken: f64,
     /// Relative L2 of their diffuse light by shares.
     pub share: f64,
-    /// The same with movers left out.
+    /// Relative L2 with movers left out.
     pub left_out: f64,
     /// CPU microseconds per point whose share was computed.
     pub us_per_point: f64,

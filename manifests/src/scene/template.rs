@@ -67,6 +67,7 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 {coarser}
 {face}
 {shades}
+# field_quality = "medium"   # draft | medium | high: shadows of objects that move
 # bvh = "medium"             # fast | medium | slow to build; changes no bit of the result
 
 # Light over other surfaces, added at run time; colours and lights change without a bake.
@@ -96,6 +97,7 @@ quality = "medium"           # draft | medium | high: sets of the knobs below
 # quality = "high"
 # edge_length = 0.01
 # visibility = "gray6"       # shades of its own
+# moves = true               # an app may move it
 
 [limits]
 # memory = "12GiB"           # --memory wins; default a quarter of the machine's

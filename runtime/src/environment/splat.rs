@@ -16,7 +16,8 @@
 //! **Cells.** What is spread is not the pixel but a cell of at most half of the smallest texel (0.42° at 64²) across. Larger
 //! pixels are divided, so that no texel starves; smaller ones (large images, rows near the poles) are first summed, flux and moment, and
 //! then spread together around the direction of their common moment, luminance-weighted. The division depends on the row
-//! alone and turns with the image, so it breaks no continuity. What is lossy: light moves by at most a texel from where it was; its flux and moment do
+//! alone and turns with the image, so it breaks no continuity. What is lossy: light moves by at most a texel from where it was; its flux
+//! and moment do
 //! not change.
 //!
 //! **Determinism.** Rows are cut into a fixed number of bands, each summed in f64 on its own, and bands are added in order: the
@@ -167,7 +168,8 @@ impl Grid {
 }
 
 impl LightCubemap {
-    /// The light turned: `rotation` takes directions, rows first. Every texel's flux and moment are spread anew around where its light went, so both are kept, and
+    /// The light turned: `rotation` takes directions, rows first. Every texel's flux and moment are spread anew around where its light
+    /// went, so both are kept, and
     /// light moves by at most a texel.
     #[must_use]
     pub fn turned(&self, rotation: &[[f64; 3]; 3]) -> LightCubemap {

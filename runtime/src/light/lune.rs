@@ -91,7 +91,7 @@ impl BentLight {
         BentLight { second, even, any }
     }
 
-    /// The same light in turned axes: `rotation` takes directions, rows first.
+    /// This light in turned axes: `rotation` takes directions, rows first.
     #[must_use]
     pub(crate) fn turned(&self, rotation: &[[f64; 3]; 3]) -> BentLight {
         let [xx, yy, zz, xy, yz, zx] = self.second.map(f64::from);

@@ -4,7 +4,8 @@
 //! p = (x, y) / √(1 + z)          |p|² = 1 − z          z = 1 − |p|²,   (x, y) = p √(1 + z)
 //! ```
 //!
-//! A **square** is a square in this disc: a solid angle Ω has the side √(Ω/2), exact at any size. Source: \[XJHT06\] with errata 2.1 and 2.2 of \[XJHT06\]:
+//! A **square** is a square in this disc: a solid angle Ω has the side √(Ω/2), exact at any size. Source: \[XJHT06\] with errata 2.1 and
+//! 2.2 of \[XJHT06\]:
 //! near −z the formula above loses its digits, so the lower half is mapped as (x, y)/|(x, y)| · √(1 − z).
 
 /// Radius of the disc that is the whole sphere.

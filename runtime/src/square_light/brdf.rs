@@ -6,7 +6,8 @@
 //! planes    the two Schlick terms, and the square of their sum, which gives the variance
 //! ```
 //!
-//! A square of less than two texels a side is taken by formula at its centre. One table a lobe; of a family of lobes sixteen, evenly in √α, two of which
+//! A square of less than two texels a side is taken by formula at its centre. One table a lobe; of a family of lobes sixteen, evenly in
+//! √α, two of which
 //! are blended. Stretched and measured lobes are sampled in every square. Source: \[XJHT06\] section 6.1; errata 2.4 and 2.5 of \[XJHT06\].
 
 use super::summed_area;
@@ -211,7 +212,8 @@ impl<'a> SquareLobe<'a> {
 }
 
 impl SquareLobe<'_> {
-    /// [`SquareLobe::mean`], and the standard deviation over the square of the sum of its terms. In small squares the deviation falls with their side.
+    /// [`SquareLobe::mean`], and the standard deviation over the square of the sum of its terms. In small squares the deviation falls with
+    /// their side.
     pub fn mean_and_deviation(&self, centre: [f32; 3], half: f32) -> (Glossy, f32) {
         let c = centre.map(f64::from);
         let local = self.axes.map(|axis| dot(axis, c));

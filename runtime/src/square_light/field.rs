@@ -1,4 +1,5 @@
-//! The field of an occluder: how much of any square of directions it blocks, seen from any place around it. In its own space, from its mesh alone.
+//! The field of an occluder: how much of any square of directions it blocks, seen from any place around it. In its own space, from its
+//! mesh alone.
 //!
 //! ```text
 //! centre, r    a sphere around what blocks
@@ -9,8 +10,10 @@
 //! chunk        "PLOC" 1: counts shells, m, res; sphere [4] f32 (centre, r); radii [shells] f32; coverage [shells, 6, m + 1, m + 1, res, res] u8
 //! ```
 //!
-//! Maps of the eight places around a point are blended in *its own* frame and its own cone: the object's centre stays put, silhouettes of shells
-//! coincide, and beyond the last shell the cone shrinks as it should. Lossy: silhouettes between places are blends. Source: \[XJHT06\] section 6.3, with
+//! Maps of the eight places around a point are blended in *its own* frame and its own cone: the object's centre stays put, silhouettes of
+//! shells
+//! coincide, and beyond the last shell the cone shrinks as it should. Lossy: silhouettes between places are blends. Source: \[XJHT06\]
+//! section 6.3, with
 //! cones for hemispheres.
 
 use super::summed_area;

@@ -44,9 +44,10 @@ pub struct Square {
     pub half_side: f32,
     /// Light of its region, W·m⁻².
     pub flux: [f32; 3],
-    /// Relative deviation of the light within the region, 0..=1.
+    /// Standard deviation of the light within the region over its mean; above 1 where small lamps lie in the dark.
     pub gamma: f32,
-    /// ∫ lum(L) ω / ∫ lum(L), not longer than 1: the cosine with it is exact for what the region sends. The centre's where the region is black.
+    /// ∫ lum(L) ω / ∫ lum(L), not longer than 1: the cosine with it is exact for what the region sends. The centre's where the region is
+    /// black.
     pub mean_direction: [f32; 3],
     /// Solid angle of the region, sr.
     pub area: f32,
@@ -69,7 +70,8 @@ impl Moments {
         }
     }
 
-    /// What is lost where one constant square stands for the region: its area times the light misplaced, squared. Light that differs from the mean,
+    /// What is lost where one constant square stands for the region: its area times the light misplaced, squared. Light that differs from
+    /// the mean,
     /// and a region that is no square: of an ellipse of aspect n a square misses 1 − 1/√n. Source: errata 2.7 of \[XJHT06\], for its Eq. 7.
     pub(super) fn cost(&self) -> f64 {
         let a = self.area;
@@ -103,7 +105,7 @@ impl Moments {
             _ => (unit(self.direction, length), self.area),
         };
         let (sum, squares): (f64, f64) = (dot(self.energy, self.energy), self.square.iter().sum());
-        let gamma = if sum > 0.0 { (squares * self.area / sum - 1.0).max(0.0).sqrt().min(1.0) } else { 0.0 };
+        let gamma = if sum > 0.0 { (squares * self.area / sum - 1.0).max(0.0).sqrt() } else { 0.0 };
         Square {
             centre: centre.map(|x| x as f32),
             half_side: half_side(solid_angle as f32),

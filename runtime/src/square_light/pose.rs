@@ -33,7 +33,8 @@ fn rounded(x: f64) -> f64 {
     f64::from_bits((bits + (1 << 31)) & !((1u64 << 32) - 1))
 }
 
-/// A column-major affine transform as a pose times scales along the axes: M = R S. A mirror is a scale below 0 along x. `None`: it shears, flattens or is
+/// A column-major affine transform as a pose times scales along the axes: M = R S. A mirror is a scale below 0 along x. `None`: it shears,
+/// flattens or is
 /// not finite. + − × ÷ √ only.
 pub fn split(matrix: &[f64; 16]) -> Option<(Pose, [f64; 3])> {
     if !matrix.iter().all(|x| x.is_finite()) || [matrix[3], matrix[7], matrix[11], matrix[15]] != [0.0, 0.0, 0.0, 1.0] {

@@ -5,7 +5,8 @@
 //! open[i]    = Σ_runs (line[begin][i] − line[end][i])        wrapping
 //! ```
 //!
-//! One 64-byte line a position for at most 32 regions, 1.6 MB at 64². Each end of a run is within half a unit. A black region counts its solid angle.
+//! One 64-byte line a position for at most 32 regions, 1.6 MB at 64². Each end of a run is within half a unit. A black region counts its
+//! solid angle.
 
 use super::tree::Tree;
 use crate::block_product::visibility::PointVisibility;
@@ -80,7 +81,7 @@ impl Regions {
         self.n_regions == 0
     }
 
-    /// Of each region's light, the part that a point sees; [`ALL`] is everything.
+    /// Part of each region's light that a point sees; [`ALL`] is everything.
     pub fn open(&self, point: &PointVisibility) -> [u16; MOST_REGIONS] {
         let mut sums = [0u16; MOST_REGIONS];
         point.for_each_run(self.lines.len() - 1, |begin, end| self.add(begin, end, &mut sums));

@@ -4,8 +4,10 @@
 //! S_c = 1 − Σ_i Φ_ic f_i ρ_i b_i / Σ_i Φ_ic f_i ρ_i          b_i: part of square i that any mover blocks; 1 where the divisor is 0
 //! ```
 //!
-//! f_i is the part of a region's light that the point sees of the still scene, ρ_i how its surface weighs what it sees of it. Exact light times S: a point that no
-//! mover reaches has S = 1 and keeps its bits, and S in 0..=1 bounds what squares can do wrong. Source: own; \[XJHT06\] Eq. 5 gives the sums.
+//! f_i is the part of a region's light that the point sees of the still scene, ρ_i how its surface weighs what it sees of it. Exact light
+//! times S: a point that no
+//! mover reaches has S = 1 and keeps its bits, and S in 0..=1 bounds what squares can do wrong. Source: own; \[XJHT06\] Eq. 5 gives the
+//! sums.
 
 use super::moments::Square;
 use super::regions::MOST_REGIONS;
@@ -14,9 +16,9 @@ use crate::sphere::frame::dot;
 /// What movers leave of the light at a point, 0..=1 per channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Share {
-    /// Of its irradiance.
+    /// Share of its irradiance.
     pub diffuse: [f32; 3],
-    /// Of what it reflects as a lobe.
+    /// Share of what it reflects as a lobe.
     pub glossy: [f32; 3],
 }
 

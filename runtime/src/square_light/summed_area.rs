@@ -4,7 +4,8 @@
 //! sums[(y)·(n + 1) + x] = Σ_{j < y, i < x} value[j·n + i]        wrapping; exact for every rectangle whose own sum fits
 //! ```
 //!
-//! Between texels the sums are taken bilinearly, which is the integral of values that are even over their texels. Source: errata 2.5 of \[XJHT06\], whose
+//! Between texels the sums are taken bilinearly, which is the integral of values that are even over their texels. Source:
+//! errata 2.5 of \[XJHT06\], whose
 //! 16-bit floats lose a texel's whole value.
 
 /// Fills `[(n + 1)²]` sums of `n`² values.

@@ -1,10 +1,13 @@
 //! The merge tree of a light: texels of a cubemap joined two by two, the cheapest pair of neighbours first, until one region is left.
 //!
-//! Every number of squares K is a cut of the one tree: the last K − 1 joins undone. Neighbours share an edge, over the edges of the cube's faces too.
-//! A pair costs what its joined region costs ([`super::moments::Moments`]); of equal costs the pair of the smallest nodes goes first. f64 and + − × ÷ √ only,
+//! Every number of squares K is a cut of the one tree: the last K − 1 joins undone. Neighbours share an edge, over the edges of the cube's
+//! faces too.
+//! A pair costs what its joined region costs ([`super::moments::Moments`]); of equal costs the pair of the smallest nodes goes first. f64
+//! and + − × ÷ √ only,
 //! so a light has one tree on every machine. Black lights are legal.
 //!
-//! Nodes `0..T` are texels (row-major, T = 6n²), node T + j is the j-th join, the last one is the root. A turned light keeps its tree: squares are turned.
+//! Nodes `0..T` are texels (row-major, T = 6n²), node T + j is the j-th join, the last one is the root. A turned light keeps its tree:
+//! squares are turned.
 //! Source: \[XJHT06\] Fig. 5, by moments instead of fits and with a heap: 0.1 s where it took 2 minutes.
 
 use super::moments::{Fit, LUMINANCE, Moments, Square};
@@ -202,7 +205,8 @@ impl Tree {
         nodes
     }
 
-    /// A cut of at most `k` regions, none larger than 2 sr where that can be had: as [`Tree::cut`] of fewer, whose large regions are opened once more.
+    /// A cut of at most `k` regions, none larger than 2 sr where that can be had: as [`Tree::cut`] of fewer, whose large regions are
+    /// opened once more.
     pub fn base_cut(&self, k: usize) -> Vec<u32> {
         let is_large = |node: &u32| self.moments(*node).area > LARGEST_REGION;
         // Opening one adds one; at most seven regions of the sphere are that large.
@@ -249,7 +253,8 @@ impl Tree {
         }
     }
 
-    /// Share of the light's energy that lies elsewhere than its squares say, were each region of a cut of one colour: Σ_texels |L − mean| / 2 Σ L.
+    /// Share of the light's energy that lies elsewhere than its squares say, were each region of a cut of one colour: Σ_texels |L − mean|
+    /// / 2 Σ L.
     pub fn misplaced(&self, cut: &[u32]) -> f64 {
         let (mut off, mut all) = (0.0, 0.0);
         for node in cut {
