@@ -77,9 +77,8 @@ pub struct View {
 }
 
 impl Relighter {
-    /// Buffers for all points: 80 bytes each, 146 more where light bounces, 88 more where the asset has transfer, 52 with highlights, 32 with normal maps, 72 where
-    /// lights
-    /// are changes of each other. An asset may have many relighters.
+    /// Buffers for all points: 80 bytes each, 146 more where light bounces, 88 where the asset has transfer, 52 with highlights, 32 with normal
+    /// maps, 72 where lights are changes of each other. An asset may have many relighters.
     pub fn new(asset: impl Into<Arc<Asset>>) -> Self {
         Relighter::with_techniques(asset, Techniques::built_in())
     }
