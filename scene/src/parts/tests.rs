@@ -107,7 +107,7 @@ fn cameras_come_along() {
         scale: 2.0,
     });
     let camera = Camera { eye: [1.0, 2.0, 3.0], look_at: [1.0, 2.0, 0.0], up: [0.0, 1.0, 0.0], fov_y_deg: 40.0 };
-    let placed = placed_camera(&m, &camera);
+    let placed = Placed::new(String::new(), &m, &camera, [0.0; 3]).camera([0.0; 3]).camera;
     assert_eq!(placed, Camera { eye: [16.0, 4.0, -2.0], look_at: [10.0, 4.0, -2.0], up: [0.0, 1.0, 0.0], fov_y_deg: 40.0 });
 }
 
