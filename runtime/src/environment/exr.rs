@@ -132,8 +132,8 @@ fn put_back(source: Source<'_>, meta: &mut MetaData, samplings: &Samplings) -> R
         let (position, size) = (header.own_attributes.layer_position, header.layer_size);
         let is_whole = position.x().rem_euclid(sampling.x() as i32) == 0
             && position.y().rem_euclid(sampling.y() as i32) == 0
-            && size.x() % sampling.x() == 0
-            && size.y() % sampling.y() == 0;
+            && size.x().is_multiple_of(sampling.x())
+            && size.y().is_multiple_of(sampling.y());
         if !is_whole || !matches!(header.blocks, BlockDescription::ScanLines) {
             return Err(source.error("its channels are sampled at pixels that its window does not hold", HELP));
         }
@@ -221,7 +221,7 @@ fn decompress_chunk(chunk: Chunk, meta: &MetaData) -> ::exr::error::Result<Uncom
     let place = header.get_absolute_block_pixel_coordinates(header.get_block_data_indices(&chunk.compressed_block)?)?;
     let top = i64::from(place.position.y()) + i64::from(header.own_attributes.layer_position.y());
     let bytes = chroma::block_bytes(header, top, place.size.x(), place.size.y());
-    if bytes == 0 || bytes % place.size.area() != 0 {
+    if bytes == 0 || !bytes.is_multiple_of(place.size.area()) {
         return Err(::exr::error::Error::NotSupported("luminance and chroma of these sample types".into()));
     }
     let mut meta = meta.clone();

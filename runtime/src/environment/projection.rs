@@ -72,7 +72,7 @@ enum Layout {
     /// The disc's diameter, pixels.
     Angular(usize),
     /// Faces, and the side of a square, pixels.
-    Cube([Face; 6], usize),
+    Cube(Box<[Face; 6]>, usize),
 }
 
 /// The layout of a projection in an image of this size; `None` where the size does not fit it.
@@ -80,15 +80,15 @@ fn layout(projection: Projection, width: usize, height: usize) -> Option<Layout>
     match projection {
         Projection::LatLong => Some(Layout::LatLong),
         Projection::Angular => (width == height).then_some(Layout::Angular(width)),
-        Projection::CubeFaces if width.checked_mul(6) == Some(height) => Some(Layout::Cube(FACES, width)),
+        Projection::CubeFaces if width.checked_mul(6) == Some(height) => Some(Layout::Cube(Box::new(FACES), width)),
         Projection::CubeFaces if height.checked_mul(6) == Some(width) => {
-            Some(Layout::Cube(FACES.map(|face| Face { at: [face.at[1], 0], ..face }), height))
+            Some(Layout::Cube(Box::new(FACES.map(|face| Face { at: [face.at[1], 0], ..face })), height))
         }
-        Projection::CubeCross if width % 3 == 0 && width / 3 * 4 == height => Some(Layout::Cube(CROSS, width / 3)),
-        Projection::CubeCross if width % 4 == 0 && width / 4 * 3 == height => {
+        Projection::CubeCross if width.is_multiple_of(3) && width / 3 * 4 == height => Some(Layout::Cube(Box::new(CROSS), width / 3)),
+        Projection::CubeCross if width.is_multiple_of(4) && width / 4 * 3 == height => {
             let mut faces = CROSS;
             faces[5] = face([3, 1], minus(X), minus(Z), minus(Y));
-            Some(Layout::Cube(faces, width / 4))
+            Some(Layout::Cube(Box::new(faces), width / 4))
         }
         Projection::CubeFaces | Projection::CubeCross => None,
     }
