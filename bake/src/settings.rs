@@ -16,7 +16,7 @@ use crate::vmf_transfer::VmfTransfer;
 use crate::vmf_transfer::angular::ViewOptions;
 use crate::vmf_transfer::edges::MeshOptions;
 use crate::vmf_transfer::transfer::{MOST_PATHS, TransferOptions};
-use prelight_manifests::quality::{BvhBuild, Quality, Shades};
+use prelight_manifests::quality::{BvhBuild, Knobs, Quality, Shades};
 use prelight_manifests::scene::BouncesSection;
 use prelight_manifests::{SceneManifest, Technique as Name};
 use prelight_scene::Scene;
@@ -69,15 +69,9 @@ impl Settings {
         let pinned = manifest.bake.edge_length.map(|length| length as f32).filter(|_| points.is_none());
         let mut notes = Vec::new();
         let mut start = PointParams::new(&knobs, 1.0);
-        // A draft takes seconds on any scene, so a mesh that is finer than its points is baked coarser.
-        let unrefined = || counter.total(&PointParams { max_level: 0, ..start }, u64::MAX).points;
-        let drafts = manifest.bake.quality == Quality::Draft && manifest.bake.coarser.is_none() && pinned.is_none();
-        let by_itself = drafts && points.is_none() && unrefined() > knobs.points;
-        if by_itself {
-            let (own, preset) = (unrefined(), knobs.points);
-            let text = format!("its meshes have {own} points of their own: a draft bakes about {preset} of them, the rest interpolates");
-            notes.push((text, "coarser = false in [bake], or another quality, bakes all".to_string()));
-        }
+        let own_points = (points.is_none() && pinned.is_none()).then(|| draft_is_coarser(manifest, &knobs, &counter, &start)).flatten();
+        let by_itself = own_points.is_some();
+        notes.extend(own_points.map(|own| draft_note(own, knobs.points)));
         start.coarser |= by_itself;
         let derived = match pinned {
             Some(_) => None,
@@ -93,11 +87,6 @@ impl Settings {
             let params = PointParams::new(&object.knobs, length);
             PointParams { coarser: params.coarser || by_itself, ..params }
         };
-        if let Some((huge, own)) = apart {
-            let name = &scene.objects[huge].name;
-            let text = format!("{name} is far larger than the rest: its points are {own} m apart, those of the rest {edge_length} m");
-            notes.push((text, format!("[[object]] match = \"{name}\" with an edge_length of its own, or another file for it")));
-        }
         let tree = match knobs.bvh {
             BvhBuild::Fast => TreeQuality::Fast,
             BvhBuild::Medium => TreeQuality::Medium,
@@ -118,14 +107,13 @@ impl Settings {
             },
             rebake: RebakeOptions { layers: objects.iter().map(|object| object.layer).collect(), ..RebakeOptions::default() },
         };
+        // A rule of its own wins.
+        let told = apart.filter(|(huge, own)| options.points[*huge].edge_length == *own);
+        notes.extend(told.map(|(huge, own)| apart_note(&scene.objects[huge].name, own, edge_length)));
         let known = derived.as_ref().map(|density| (start.with_edge_length(edge_length), &density.points[..]));
         let asked = points;
         let points = count_points_of(&counter, &options.points, known)?;
-        let total: u64 = points.iter().sum();
-        if let Some(asked) = asked.filter(|asked| total > asked + asked / 10 && !start.coarser) {
-            let text = format!("{asked} points were asked for, but the meshes alone have {total}");
-            notes.push((text, "--coarser lets vertices go without a point where a mesh is finer than its points".to_string()));
-        }
+        notes.extend(asked.filter(|_| !start.coarser).and_then(|asked| kept_note(asked, points.iter().sum())));
         let budgets = objects.iter().map(|object| object.max_error).collect();
         let unbudgeted = options.points.clone();
         let pins = &manifest.bake;
@@ -162,6 +150,32 @@ impl Settings {
         }
         Ok(())
     }
+}
+
+/// Points that the meshes have of their own, where a draft bakes fewer: it takes seconds on any scene, unless scene.toml says otherwise.
+fn draft_is_coarser(manifest: &SceneManifest, knobs: &Knobs, counter: &Counter, start: &PointParams) -> Option<u64> {
+    if manifest.bake.quality != Quality::Draft || manifest.bake.coarser.is_some() {
+        return None;
+    }
+    let own = counter.total(&PointParams { max_level: 0, ..*start }, u64::MAX).points;
+    (own > knobs.points).then_some(own)
+}
+
+fn draft_note(own: u64, preset: u64) -> (String, String) {
+    let text = format!("its meshes have {own} points of their own: a draft bakes about {preset} of them, the rest interpolates");
+    (text, "coarser = false in [bake], or another quality, bakes all".to_string())
+}
+
+fn apart_note(name: &str, own: f32, rest: f32) -> (String, String) {
+    let text = format!("{name} is far larger than the rest: its points are {own} m apart, those of the rest {rest} m");
+    (text, format!("[[object]] match = \"{name}\" with an edge_length of its own, or another file for it"))
+}
+
+/// A budget that the meshes alone exceed by more than a tenth.
+fn kept_note(asked: u64, total: u64) -> Option<(String, String)> {
+    let help = "--coarser lets vertices go without a point where a mesh is finer than its points";
+    let text = format!("{asked} points were asked for, but the meshes alone have {total}");
+    (total > asked + asked / 10).then(|| (text, help.to_string()))
 }
 
 /// Error of a slice, relative to the largest of its point, for each unit of error of radiance: light is gathered over whole slices, where

@@ -125,6 +125,9 @@ fn option_that_helps(cause: &(dyn std::error::Error + 'static)) -> Option<&'stat
 
 /// The file that is not there, of an error that says so.
 fn missing_file<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a Path> {
+    if let Some(SceneError::Input { path, source }) = cause.downcast_ref() {
+        return (source.kind() == std::io::ErrorKind::NotFound).then_some(Path::new(path));
+    }
     match (cause.downcast_ref(), cause.downcast_ref()) {
         (Some(BakeError::Input { path, source } | BakeError::Output { path, source }), _) => {
             (source.kind() == std::io::ErrorKind::NotFound).then_some(Path::new(path))

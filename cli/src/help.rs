@@ -12,8 +12,7 @@ pub struct HelpArgs {
 }
 
 /// The block in the place of the options that every command has.
-const EVERY: &str = "Every command has -q -v -j N --json --memory SIZE --store DIR --dry-run --progress WHEN --color WHEN:\n\
-                     `prelight help options` explains them";
+const EVERY: &str = "Every command: -q -v -j N --json --memory SIZE --store DIR --dry-run --progress WHEN\n--color WHEN; `prelight help options` explains them";
 
 /// Two command lines of each verb that a person can try.
 const EXAMPLES: [(&str, [&str; 2]); 20] = [
@@ -33,7 +32,7 @@ const EXAMPLES: [(&str, [&str; 2]); 20] = [
     ("chart", ["prelight chart scene.toml -o results", "prelight chart scene.toml -e sky.hdr --views 4"]),
     ("inspect", ["prelight inspect room.prelight.json", "prelight inspect room.prelight.json --map points -o points.png"]),
     ("diff", ["prelight diff before.prelight.json after.prelight.json", "prelight diff before.png after.png"]),
-    ("verify", ["prelight verify", "prelight verify room.prelight.json"]),
+    ("verify", ["prelight verify", "prelight verify --store cache"]),
     ("pack", ["prelight pack room.prelight.json", "prelight pack room.prelight.json -o room.prelight"]),
     ("unpack", ["prelight unpack room.prelight", "prelight unpack room.prelight -o there/room.prelight.json"]),
     ("repair", ["prelight repair room.prelight.json", "prelight repair room.prelight.json --dry-run"]),

@@ -245,7 +245,9 @@ impl Shared {
         match self.look {
             Look::Events { .. } => self.event(running.event("end", done)),
             Look::Lines if running.spoke => {
-                talk(&format!("{}: {} {} in {}", running.label, group(done), running.unit, clock(seconds)));
+                // A stage that counts nothing says no more than how long it took.
+                let what = if done == 0 { String::new() } else { format!("{} {} in ", group(done), running.unit) };
+                talk(&format!("{}: {what}{}", running.label, clock(seconds)));
             }
             _ => {}
         }
@@ -283,6 +285,9 @@ impl Shared {
 impl Running {
     fn line(&self, done: u64) -> String {
         let seconds = self.start.elapsed().as_secs_f64();
+        if done == 0 && self.total.is_none() {
+            return format!("{}: {} so far", self.label, clock(seconds));
+        }
         let rate = if seconds > 0.0 { done as f64 / seconds } else { 0.0 };
         // Totals that are estimates can be passed; then they say nothing any more.
         let of_total = match self.total.filter(|total| done <= *total) {
@@ -439,6 +444,7 @@ mod tests {
         assert!(stage.event("end", 4000)["seconds_left"].is_null());
         stage.total = None;
         assert!(stage.line(1000).starts_with("trace: 1 000 tiles, ") && !stage.line(1000).contains("left"));
+        assert!(stage.line(0).starts_with("trace: 10") && !stage.line(0).contains("tiles"), "{}", stage.line(0));
     }
 
     #[test]

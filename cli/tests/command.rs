@@ -38,7 +38,7 @@ fn summary(output: &Output) -> Value {
     last
 }
 
-const VERBS: [&str; 22] = [
+const VERBS: [&str; 23] = [
     "demo",
     "init",
     "check",

@@ -108,15 +108,8 @@ pub(crate) fn load_slice(source: Source, file: &[u8], variant: Option<&str>, bud
     let (mut shapes, shape_of) = pose::shapes(&buffers, &nodes, &worlds, &mut warnings)?;
     let mut joints = pose::joints(&buffers, &shapes, scene, budget)?;
     let origin = origin::of_nodes(&buffers, &placed, (&shapes, &shape_of), &joints);
-    if origin != [0.0; 3] {
-        placed.iter_mut().for_each(|placed| origin::shift(&mut placed.world_from_local, origin, -1.0));
-        shapes.iter_mut().filter_map(|shape| shape.rest.as_mut()).for_each(|rest| origin::shift(rest, origin, -1.0));
-        joints.iter_mut().flat_map(Arc::make_mut).for_each(|joint| origin::shift(joint, origin, -1.0));
-        for (camera, (index, world)) in tree.cameras.iter_mut().zip(&mut tree.camera_worlds) {
-            origin::shift(world, origin, -1.0);
-            camera.camera = node::perspective(&root, *index, world).unwrap_or(camera.camera);
-        }
-    }
+    origin::move_nodes(origin, &mut placed, &mut shapes, &mut joints);
+    node::move_cameras(&root, &mut tree, origin);
     let mut palette = Vec::with_capacity(root.materials.len());
     let mut wanted = texture::Wanted::default();
     let in_use = materials_in_use(&root, &used);

@@ -287,7 +287,7 @@ fn deep_trees_are_walked_without_recursion() {
         }
         glb.node("leaf", parent, Transform::default(), Some(mesh));
         let scene = load_bytes(&glb.to_glb()).unwrap_or_else(|e| panic!("{e}"));
-        assert_eq!(scene.objects[0].world_from_local[12], 0.25 * f64::from(depth));
+        assert_eq!(scene.objects[0].world_from_local[12] + scene.origin[0], 0.25 * f64::from(depth));
         assert_eq!(scene.objects[0].name.matches('/').count(), depth as usize);
     }
 }

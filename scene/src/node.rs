@@ -161,6 +161,17 @@ pub(crate) fn walk(
     Ok(tree)
 }
 
+/// Counts the cameras of a walk from an origin.
+pub(crate) fn move_cameras(root: &Root, tree: &mut Tree, origin: [f64; 3]) {
+    if origin == [0.0; 3] {
+        return;
+    }
+    for (camera, (index, world)) in tree.cameras.iter_mut().zip(&mut tree.camera_worlds) {
+        super::origin::shift(world, origin, -1.0);
+        camera.camera = perspective(root, *index, world).unwrap_or(camera.camera);
+    }
+}
+
 /// Nodes that a scene begins with, each once, in its order. One that stands below another of them is reached from there.
 fn roots(root: &Root, scene: usize) -> Vec<usize> {
     let listed = each_once(root.scenes[scene].nodes.iter().map(|node| node.value()));

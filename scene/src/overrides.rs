@@ -259,6 +259,20 @@ mod tests {
     }
 
     #[test]
+    fn a_cutoff_of_a_blend_surface_is_where_it_blocks() {
+        let rule = |mode: &str| {
+            let text =
+                format!("format = 1\nscene.gltf = \"a.glb\"\n[[material]]\nmatch = \"*\"\nalpha_mode = \"{mode}\"\nalpha_cutoff = 0.25\n");
+            SceneManifest::parse("scene.toml", &text).unwrap().material.remove(0)
+        };
+        let mut material = Material::default();
+        apply(&rule("blend"), &mut material);
+        assert_eq!((material.alpha_mode, material.blocks_from), (AlphaMode::Blend, Some(0.25)));
+        apply(&rule("mask"), &mut material);
+        assert_eq!(material.alpha_mode, AlphaMode::Mask { cutoff: 0.25 });
+    }
+
+    #[test]
     fn the_last_matching_rule_wins_value_by_value() {
         let rules = r#"
             [[material]]

@@ -10,6 +10,7 @@ use crate::mesh::PointParams;
 use crate::points::count::edge_length_by_counts;
 use prelight_scene::Scene;
 use prelight_scene::world::World;
+use rayon::prelude::*;
 
 /// An edge length and what it makes.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,8 +71,10 @@ pub(crate) fn density_of(
     let edge_length = edge_length_by_counts(objects.longest_edge(), params, budget - budget / 4, &others)?;
     let alone = |params: &PointParams, enough: u64| objects.total_where(params, enough, |object| object == huge);
     let own = edge_length_by_counts(objects.longest_edge(), params, budget / 4, &alone)?.max(edge_length);
-    let mut points = objects.each(&params.with_edge_length(edge_length));
-    points[huge] = objects.count(huge, &params.with_edge_length(own), u64::MAX).points;
+    // The huge one is never counted at the fine length: that could be billions.
+    let length = |object: usize| if object == huge { own } else { edge_length };
+    let count = |object: usize| objects.count(object, &params.with_edge_length(length(object)), u64::MAX).points;
+    let points = (0..points.len()).into_par_iter().map(count).collect();
     Ok(Density { edge_length, points, apart: Some((huge, own)) })
 }
 

@@ -129,8 +129,8 @@ fn put_back(source: Source<'_>, meta: &mut MetaData, samplings: &Samplings) -> R
         let (position, size) = (header.own_attributes.layer_position, header.layer_size);
         let is_whole = position.x().rem_euclid(sampling.x() as i32) == 0
             && position.y().rem_euclid(sampling.y() as i32) == 0
-            && size.x() % sampling.x() == 0
-            && size.y() % sampling.y() == 0;
+            && size.x().is_multiple_of(sampling.x())
+            && size.y().is_multiple_of(sampling.y());
         if !is_whole || !matches!(header.blocks, BlockDescription::ScanLines) {
             return Err(source.error("its channels are sampled at pixels that its window does not hold", HELP));
         }

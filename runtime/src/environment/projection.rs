@@ -116,7 +116,7 @@ pub(super) fn unwrap(source: Source<'_>, mut decoded: Decoded, asked: Option<Pro
         projection
     });
     let Some(layout) = layout(projection, decoded.width, decoded.height) else {
-        let (name, by) = (projection.name(), if asked.is_some() { "asked for" } else { "its header says" });
+        let (name, by) = (projection.name(), if asked.is_some() { "was asked for" } else { "its header names" });
         let what = format!("it is {} x {} pixels; {name}, which {by}, is {}", decoded.width, decoded.height, shape(projection));
         return Err(source.error(what, "choose with projection = \"lat_long\", \"angular\", \"cube_cross\" or \"cube_faces\""));
     };

@@ -60,8 +60,7 @@ fn walk(bytes: &[u8], ones: &mut Vec<usize>, samplings: &mut Samplings) -> Optio
         let (size, start) = (number(next)? as usize, next + 4);
         if name == b"channels" {
             let (mut at, mut channel) = (start, 0);
-            while let Some((name, next)) = text(at).filter(|(name, next)| !name.is_empty() && *next < start.saturating_add(size)) {
-                let _ = name;
+            while let Some((_, next)) = text(at).filter(|(name, next)| !name.is_empty() && *next < start.saturating_add(size)) {
                 let factors = [number(next + 8)? as usize, number(next + 12)? as usize];
                 if factors != [1, 1] && factors.iter().all(|factor| (1..=64).contains(factor)) {
                     samplings.push((header, channel, Vec2(factors[0], factors[1])));
