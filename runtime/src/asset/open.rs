@@ -187,7 +187,7 @@ impl Asset {
 
     /// Geometry of an object as its source gave it, local space.
     pub fn base(&self, object: usize) -> Vec<BasePrimitive<'_>> {
-        base::from_chunk(&self.objects[object].base).expect(PROVEN)
+        base::from_proven_chunk(&self.objects[object].base)
     }
 
     /// Bytes that the chunks take in memory, mapped or not.
@@ -259,7 +259,7 @@ impl AssetPatch {
 
     /// Where its points are.
     pub fn points(&self) -> Points<'_> {
-        Points::from_chunk(&self.points_chunk).expect(PROVEN)
+        Points::from_proven_chunk(&self.points_chunk)
     }
 
     /// Averaged material parameters of its points.
