@@ -8,6 +8,7 @@ use prelight_manifests::{AssetManifest, ByteSize, ChunkKind, Descriptor, Digest}
 use prelight_runtime::asset::open_file::is_pack;
 use prelight_runtime::draw::image::Image;
 use prelight_runtime::draw::metrics::{self, Metrics};
+use prelight_store::{Budget, ChunkSource};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -32,14 +33,15 @@ pub struct DiffArgs {
 /// Runs the verb.
 pub fn run(args: DiffArgs, context: &Context) -> Result<Summary, Failure> {
     let paths = [&args.test, &args.reference];
-    let files = [read_or_unpack(paths[0], context)?, read_or_unpack(paths[1], context)?];
+    let (first, second) = (read_or_unpack(paths[0], context)?, read_or_unpack(paths[1], context)?);
+    let (files, budgets) = ([first.0, second.0], [first.1, second.1]);
     match files.each_ref().map(|bytes| is_asset(bytes)) {
         [true, true] => {
             if args.fail_above.is_some() {
                 let text = "--fail-above is for images; assets differ or they do not\n  help: leave it out";
                 return Err(Failure::text(ExitCode::Usage, text));
             }
-            let asset = |i: usize| parse_asset(paths[i], &files[i], &context.budget);
+            let asset = |i: usize| parse_asset(paths[i], &files[i], &budgets[i]);
             Ok(diff_assets([&asset(0)?, &asset(1)?]))
         }
         [false, false] => {
@@ -64,11 +66,14 @@ pub fn run(args: DiffArgs, context: &Context) -> Result<Summary, Failure> {
     }
 }
 
-/// The file, or the manifest in it when it is a packed asset.
-fn read_or_unpack(path: &Path, context: &Context) -> Result<Vec<u8>, Failure> {
+/// The file, or the manifest in it when it is a packed asset; and what may be made of it.
+fn read_or_unpack(path: &Path, context: &Context) -> Result<(Vec<u8>, Budget), Failure> {
     match is_pack(path) {
-        Ok(true) => Ok(context.open_pack(path)?.manifest()?.to_vec()),
-        _ => Ok(read(path, context.memory)?),
+        Ok(true) => {
+            let source = context.open_pack(path)?;
+            Ok((source.manifest()?.to_vec(), source.budget()))
+        }
+        _ => Ok((read(path, context.memory)?, context.budget.clone())),
     }
 }
 

@@ -38,7 +38,7 @@ fn summary(output: &Output) -> Value {
     last
 }
 
-const VERBS: [&str; 23] = [
+const VERBS: [&str; 22] = [
     "demo",
     "init",
     "check",

@@ -169,10 +169,10 @@ fn one_budget_bounds_what_packs_and_stores_decode_and_images_take() {
         assert!(stderr(&small).contains("memory"), "{asset}: {}", stderr(&small));
         assert_eq!(with("64MiB").status.code(), Some(0), "{asset}: {}", stderr(&with("64MiB")));
     }
-    // The pack itself is mapped and costs nothing; what does not fit is its first chunk that has to be decoded.
+    // The pack itself is mapped and costs nothing; what does not fit is what its manifest becomes.
     let output = prelight(folder.path()).args(["inspect", "floor.prelight", "--memory", "1KiB"]).output().unwrap();
     assert_eq!(output.status.code(), Some(7), "{}", stderr(&output));
-    assert!(stderr(&output).contains("chunk ") && stderr(&output).contains("help: raise --memory"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("manifest floor.prelight") && stderr(&output).contains("help: give --memory"), "{}", stderr(&output));
 }
 
 #[test]

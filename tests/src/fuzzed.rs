@@ -199,7 +199,9 @@ pub fn brdf(bytes: &[u8]) {
 pub fn state(bytes: &[u8]) {
     static FOLDER: OnceLock<(tempfile::TempDir, Store)> = OnceLock::new();
     let (folder, store) = FOLDER.get_or_init(|| {
-        let folder = tempfile::tempdir().expect("a temporary folder");
+        // In memory where that can be had: every run writes and syncs.
+        let memory = std::path::Path::new("/dev/shm");
+        let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.expect("a temporary folder");
         let store = Store::open_or_create(folder.path()).expect("a fresh folder");
         let mut writer = store.writer();
         writer.put(ChunkKind::Mesh, Dtype::U8, vec![4], b"four").expect("room on the disk");

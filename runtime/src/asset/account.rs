@@ -9,7 +9,6 @@ use prelight_manifests::asset::AssetContent;
 use prelight_manifests::{ChunkKind, Descriptor};
 use prelight_store::Budget;
 use prelight_store::budget::Charge;
-use std::collections::BTreeMap;
 
 /// Bytes that naming chunks again may amount to, freely and for each byte of chunks that are different. An object's base may be that of a thousand
 /// instances, whose refined meshes are their own.
@@ -105,12 +104,15 @@ pub(super) fn point_bytes(content: &AssetContent, has_normal_map: bool, has_deta
 
 /// Fails when the same chunks are named so often that looking at them would take far longer than their bytes justify.
 pub(super) fn check_repeats(content: &AssetContent) -> Result<(), String> {
-    let (mut named, mut different) = (0u64, BTreeMap::new());
-    for descriptor in content.descriptors() {
-        named = named.saturating_add(descriptor.bytes);
-        different.insert(descriptor.digest, descriptor.bytes);
+    let (mut named, mut chunks) = (0u64, Vec::new());
+    for Descriptor { digest, bytes, .. } in content.descriptors() {
+        named = named.saturating_add(*bytes);
+        // The first bytes of digests tell chunks apart; whoever makes two that agree in them only makes theirs count for less.
+        chunks.push((u64::from_le_bytes(std::array::from_fn(|i| digest.0[i])), *bytes));
     }
-    let different = different.values().fold(0u64, |sum, bytes| sum.saturating_add(*bytes));
+    chunks.sort_unstable();
+    chunks.dedup_by_key(|chunk| chunk.0);
+    let different = chunks.iter().fold(0u64, |sum, chunk| sum.saturating_add(chunk.1));
     if named <= different.saturating_mul(REPEATS_PER_BYTE).saturating_add(FREE_REPEATS) {
         return Ok(());
     }

@@ -251,7 +251,7 @@ impl Asset {
 
     /// Geometry of an object as its source gave it, local space.
     pub fn base(&self, object: usize) -> Vec<BasePrimitive<'_>> {
-        base::from_chunk(&self.objects[object].base).expect(PROVEN)
+        base::from_proven_chunk(&self.objects[object].base)
     }
 
     /// Bytes that the chunks take in memory, mapped or not.

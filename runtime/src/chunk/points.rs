@@ -58,11 +58,7 @@ impl<'a> Points<'a> {
     /// Borrows from a chunk.
     pub fn from_chunk(bytes: &'a [u8]) -> Result<Self, RuntimeError> {
         let mut reader = Reader::new("points", MAGIC, VERSION, bytes)?;
-        let n = reader.counts[0] as usize;
-        if !(1..=PATCH_POINTS).contains(&n) {
-            return Err(reader.error("a patch has 1..=256 points"));
-        }
-        let points = Self::borrow(&mut reader)?;
+        let points = Self::arrays(&mut reader)?;
         if !are_moderate(points.position) || !points.area.iter().all(|area| (0.0..=LARGEST).contains(area)) {
             return Err(reader.error("a position or area is out of range"));
         }
@@ -78,16 +74,17 @@ impl<'a> Points<'a> {
 
     /// Borrows again from a chunk that [`Points::from_chunk`] has proved: no second look at every number.
     ///
-    /// Panics where even the header is wrong.
+    /// Panics where even the layout is wrong.
     pub(crate) fn from_proven_chunk(bytes: &'a [u8]) -> Self {
-        Reader::new("points", MAGIC, VERSION, bytes)
-            .and_then(|mut reader| Self::borrow(&mut reader))
-            .expect("a chunk that was proved before")
+        let reader = Reader::new("points", MAGIC, VERSION, bytes);
+        reader.and_then(|mut reader| Self::arrays(&mut reader)).expect("a chunk that was proved before")
     }
 
-    /// The arrays as the header says.
-    fn borrow(reader: &mut Reader<'a>) -> Result<Self, RuntimeError> {
+    fn arrays(reader: &mut Reader<'a>) -> Result<Self, RuntimeError> {
         let n = reader.counts[0] as usize;
+        if !(1..=PATCH_POINTS).contains(&n) {
+            return Err(reader.error("a patch has 1..=256 points"));
+        }
         Ok(Points {
             position: reader.array(n)?,
             normal: reader.array(n)?,
