@@ -94,6 +94,6 @@ fn survey_coordinates_of_obj_and_ply_keep_their_digits() {
         std::fs::write(folder.path().join(name), text).unwrap();
         let scene = super::file::load(&folder.path().join(name), None, &LIMIT).unwrap();
         assert!(scene.origin[0] != 0.0 && scene.origin[1] == 0.0, "{name}");
-        assert_eq!(in_file(&scene)[1], [4_500_001.125, 10.5, -3_200_000.0625], "{name}");
+        assert_eq!(in_file(&scene)[1], [4_500_001.125, 10.5, -3_200_000.062_5], "{name}");
     }
 }

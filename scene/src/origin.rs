@@ -138,7 +138,7 @@ pub(crate) fn move_nodes(origin: [f64; 3], placed: &mut [Placed], shapes: &mut [
     }
     placed.iter_mut().for_each(|placed| shift(&mut placed.world_from_local, origin, -1.0));
     shapes.iter_mut().filter_map(|shape| shape.rest.as_mut()).for_each(|rest| shift(rest, origin, -1.0));
-    joints.iter_mut().flat_map(|joints| Arc::make_mut(joints)).for_each(|joint| shift(joint, origin, -1.0));
+    joints.iter_mut().flat_map(Arc::make_mut).for_each(|joint| shift(joint, origin, -1.0));
 }
 
 /// Moves a scene whose objects are counted from the file's origin, where it is far; cameras are the caller's to place.
