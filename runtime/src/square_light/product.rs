@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn error_falls_with_tau() {
+    fn error_falls_to_nothing_with_tau() {
         let (n, normal) = (64, [0.0, 0.0, 1.0]);
         let (tables, mut seen) = (Tables::default(), Seen::default());
         let squares = SquareLight::new(Tree::build(&spots(n, 8)), Fit::Energy);
@@ -288,15 +288,17 @@ mod tests {
                 let sum = |glossy: &Glossy| f64::from(glossy[0][1] + glossy[1][1]);
                 let truth = sum(&squares.glossy(&texels, &seen, &lobe));
                 all += truth * truth;
-                for (k, tau) in [0.3, 0.1, 0.03, 0.003].into_iter().enumerate() {
-                    let found = squares.glossy_by_need(&base, &seen, &lobe, tau, 4000);
+                for (k, tau) in [0.3, 0.03, 0.003, 1e-6].into_iter().enumerate() {
+                    let found = squares.glossy_by_need(&base, &&seen, &lobe, tau, usize::MAX);
                     errors[k] += (sum(&found.glossy) - truth).powi(2);
                     asked[k] += found.evaluations;
                 }
             }
             let errors = errors.map(|e| (e / all).sqrt());
             println!("{lobe:?}: {errors:?} by {:?}", asked.map(|n| n / 24));
-            assert!(errors[3] < errors[0] && errors[3] < 0.1, "{errors:?}");
+            // Lamps of one texel all over: nothing but texels is exact here, and a few times as many squares are no better.
+            assert!(errors[3] < 0.02 && errors[3] < 0.2 * errors[0], "{errors:?}");
+            assert!(asked.windows(2).all(|pair| pair[0] < pair[1]), "{asked:?}");
         }
     }
 }
