@@ -23,7 +23,7 @@ impl AssetManifest {
         if content.face_resolution != 64 && content.face_resolution != 128 {
             return Err(checker.range("content.face_resolution".into(), content.face_resolution, "64 or 128"));
         }
-        for (i, corner) in content.bounds.iter().flatten().enumerate().filter(|(_, x)| !x.is_finite()) {
+        if let Some((i, corner)) = content.bounds.iter().flatten().enumerate().find(|(_, x)| !x.is_finite()) {
             return Err(checker.range(format!("content.bounds[{}]", i / 3), corner, "finite numbers"));
         }
         checker.kind("content.materials", &content.materials, ChunkKind::Materials)?;
