@@ -289,7 +289,7 @@ mod tests {
                 let truth = sum(&squares.glossy(&texels, &seen, &lobe));
                 all += truth * truth;
                 for (k, tau) in [0.3, 0.03, 0.003, 1e-6].into_iter().enumerate() {
-                    let found = squares.glossy_by_need(&base, &&seen, &lobe, tau, usize::MAX);
+                    let found = squares.glossy_by_need(&base, &seen, &lobe, tau, usize::MAX);
                     errors[k] += (sum(&found.glossy) - truth).powi(2);
                     asked[k] += found.evaluations;
                 }
