@@ -135,7 +135,7 @@ fn spoil_manifest(forge: &mut Forge, what: u8, which: usize, place: usize, numbe
     match what {
         12 => {
             object.world_from_local[place % 16] =
-                f64::from(FLOATS[number as usize % FLOATS.len()]) * if place % 3 == 0 { 1e300 } else { 1.0 }
+                f64::from(FLOATS[number as usize % FLOATS.len()]) * if place.is_multiple_of(3) { 1e300 } else { 1.0 }
         }
         13 => object.edge_length = FLOATS[number as usize % FLOATS.len()],
         14 => {
