@@ -15,7 +15,7 @@ pub struct HelpArgs {
 const EVERY: &str = "Every command: -q -v -j N --json --memory SIZE --store DIR --dry-run --progress WHEN\n--color WHEN; `prelight help options` explains them";
 
 /// Two command lines of each verb that a person can try.
-const EXAMPLES: [(&str, [&str; 2]); 20] = [
+const EXAMPLES: [(&str, [&str; 2]); 22] = [
     ("demo", ["prelight demo", "prelight demo -o tour --size 640x360"]),
     ("init", ["prelight init room.glb", "prelight init room.glb -o scenes/room.toml"]),
     ("check", ["prelight check room.glb", "prelight check scene.toml --deny warnings"]),
@@ -39,6 +39,14 @@ const EXAMPLES: [(&str, [&str; 2]); 20] = [
     ("gc", ["prelight gc --dry-run", "prelight gc"]),
     ("stats", ["prelight stats", "prelight stats --json"]),
     ("doctor", ["prelight doctor", "prelight doctor --json"]),
+    ("farm", ["prelight farm status .prelight", "prelight farm template kubernetes > job.yaml"]),
+    (
+        "shard",
+        [
+            "prelight shard run --round 00c4f1fb9e0b5bd0f0a1fbeecc9b1b4de1d7a2c8ba7f6b0c4cf1b0c3f8f0d1e2 --store /shared/store",
+            "prelight shard run --round 00c4f1fb9e0b5bd0f0a1fbeecc9b1b4de1d7a2c8ba7f6b0c4cf1b0c3f8f0d1e2 --index-env SLURM_ARRAY_TASK_ID",
+        ],
+    ),
     ("schema", ["prelight schema > scene.schema.json", "prelight schema --json"]),
     ("completions", ["prelight completions bash", "prelight completions zsh > _prelight"]),
     ("help", ["prelight help bake", "prelight help options"]),

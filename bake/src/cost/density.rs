@@ -145,7 +145,8 @@ mod tests {
         let found = spread(&scene, &world);
         let Some((0, own)) = found.apart else { panic!("{found:?}") };
         assert!(own > 5.0 && found.edge_length < 0.05, "{found:?}");
-        assert!(found.points[1] > 3000 && found.points[0] > 500 && found.total_points() <= 8000, "{found:?}");
+        // Both halve their edges at once: the next step has four times the points, 8450.
+        assert!(found.points[1] > 1000 && found.points[0] > 500 && found.total_points() <= 8000, "{found:?}");
         // A room and a table.
         let mut ordinary = floor_and_sheet(2);
         (0..3).for_each(|k| ordinary.objects[0].world_from_local[5 * k] = 0.5);
