@@ -298,6 +298,8 @@ fn scales_of_a_ten_thousandth_and_a_hundred_thousand_share_a_scene() {
     let paint = glb.material(&red());
     let mesh = glb.mesh("Square", &square(paint));
     glb.node("Tiny", None, Transform { scale: [1e-4; 3], ..Transform::default() }, Some(mesh));
+    // Of three the usual one is the median: neither of the others is too far from it.
+    glb.node("Usual", None, Transform::translation([30.0, 0.0, 0.0]), Some(mesh));
     glb.node("Vast", None, Transform { scale: [1e5; 3], ..Transform::translation([0.0, -1e4, 0.0]) }, Some(mesh));
     bake(folder.path(), &glb);
     let tiny = lit(folder.path(), "sky.hdr", &["--eye", "0.00003,0.00015,0.00005", "--look-at", "0,0,0"]);

@@ -106,7 +106,7 @@ fn wrong_content_is_refused_with_the_field_that_is_wrong() {
         ("/content/objects/1/patches/1/factors", json!([]), "patches[1].factors[0].kind = none, expected visibility"),
         ("/content/textures/0/kind", json!("mesh"), "content.textures[0].kind = mesh, expected texture"),
         ("/content/objects/0/base/kind", json!("mesh"), "content.objects[0].base.kind = mesh, expected base"),
-        ("/content/objects/1/edge_length", json!(0.0), "content.objects[1].edge_length = 0, expected a length above 0"),
+        ("/content/objects/1/edge_length", json!(0.0), "content.objects[1].edge_length = 0, expected a finite length above 0"),
         ("/format", json!(3), "room.prelight.json has format 3, this build reads up to 2\n  help: use a newer prelight"),
     ];
     for (pointer, value, words) in cases {

@@ -27,8 +27,8 @@ use prelight_manifests::scene::Projection;
 
 use self::chroma::{Chroma, Samplings, Unsampled};
 use self::layer::{Channels, Layer};
-use super::decode::{Decoded, MapOptions, Source};
 use super::primaries::{Primaries, convert};
+use super::source::{Decoded, MapOptions, Source};
 use crate::error::RuntimeError;
 use prelight_store::budget::Charge;
 

@@ -29,15 +29,16 @@ mod projection_tests;
 mod radiance;
 mod sampler;
 mod scanline;
+mod source;
 mod splat;
 #[cfg(test)]
 mod splat_tests;
 
 pub use clean::{CleanReport, MOST_RADIANCE};
-pub use decode::{Limits, MapOptions};
 pub use image::Environment;
 pub use light_cubemap::{EnergyReport, LightCubemap};
 pub use prelight_manifests::scene::Projection;
 pub use procedural::{sky, studio};
 pub use sampler::{EnvironmentSample, EnvironmentSampler};
+pub use source::{Limits, MapOptions};
 pub use splat::Splatter;

@@ -14,7 +14,7 @@ use std::f64::consts::PI;
 
 use prelight_manifests::scene::Projection;
 
-use super::decode::{Decoded, Source};
+use super::source::{Decoded, Source};
 use crate::error::RuntimeError;
 
 /// Texels along a row of the result at least: small maps have sharp pixels that a coarse result would smear.

@@ -11,9 +11,9 @@
 //! most readers this one does not, so that a mantissa of 0 is black. EXPOSURE and COLORCORR are passed over with a note, as three.js and Blender
 //! do: pixel values are taken as radiance.
 
-use super::decode::{Decoded, Source};
 use super::primaries::{Primaries, convert};
 use super::scanline;
+use super::source::{Decoded, Source};
 use crate::error::RuntimeError;
 
 pub(super) const HELP: &str = "export it again as Radiance .hdr or OpenEXR";
@@ -35,7 +35,7 @@ struct Header {
     orientation: Orientation,
     /// CIE XYZ instead of RGB.
     xyz: bool,
-    /// Of RGB that is not Rec.709: the matrix to it.
+    /// The matrix to Rec.709 of RGB that is another.
     matrix: Option<[[f64; 3]; 3]>,
     notes: Vec<String>,
     /// Where the scan lines start.

@@ -8,7 +8,7 @@
 //!
 //! New RLE exists for lines of 8 to 32767 pixels. Its first bytes cannot begin a normalised pixel, so the kinds do not mix up.
 
-use super::decode::Source;
+use super::source::Source;
 use crate::error::RuntimeError;
 
 const NEW_RLE_LENGTHS: std::ops::RangeInclusive<usize> = 8..=0x7fff;

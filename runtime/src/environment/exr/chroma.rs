@@ -16,7 +16,7 @@ use std::io::{Read, Seek, SeekFrom};
 use ::exr::meta::header::Header;
 use ::exr::prelude::Vec2;
 
-use super::super::decode::Source;
+use super::super::source::Source;
 
 /// Sampling factors that are put back: header, channel, factors.
 pub(super) type Samplings = Vec<(usize, usize, Vec2<usize>)>;

@@ -8,7 +8,7 @@ use ::exr::meta::attribute::ChannelList;
 use ::exr::meta::header::Header;
 use ::exr::prelude::Vec2;
 
-use super::super::decode::Source;
+use super::super::source::Source;
 use super::HELP;
 use crate::error::RuntimeError;
 
