@@ -196,8 +196,8 @@ fn bake_still(
         let batches = batches.into_iter().map(|batch| batch.filter(|object| missing[*object]).collect()).collect();
         run.bake_batches(batches, &mut known, counts.iter().sum(), &baker, &context, preview)?;
     }
-    let (in_scene, mut objects): (Vec<usize>, Vec<AssetObject>) =
-        run.objects.into_iter().enumerate().filter_map(|(at, object)| Some((at, object?))).unzip();
+    let mut objects: Vec<(usize, AssetObject)> =
+        run.objects.into_iter().enumerate().filter_map(|(at, object)| Some((at, object?))).collect();
     if let Some(bounces) = &options.bounces {
         let occluders = OccluderOptions { quality: options.tree, ..OccluderOptions::default() };
         let inputs = BounceInputs {
@@ -213,15 +213,14 @@ fn bake_still(
             progress,
         };
         // What moves gets no bounced light, and sends none: links are of what stands still.
-        let (moving, mut still): (Vec<_>, Vec<_>) = in_scene.into_iter().zip(objects).partition(|(_, object)| object.moves.is_some());
-        let in_scene: Vec<usize> = still.iter().map(|(at, _)| *at).collect();
-        let mut linked: Vec<AssetObject> = still.drain(..).map(|(_, object)| object).collect();
+        let (moving, still): (Vec<_>, Vec<_>) = objects.into_iter().partition(|(_, object)| object.moves.is_some());
+        let (in_scene, mut linked): (Vec<usize>, Vec<AssetObject>) = still.into_iter().unzip();
         run.stats.count_bounces(&add_links(&inputs, &mut linked, &in_scene)?);
-        let mut all: Vec<(usize, AssetObject)> = in_scene.into_iter().zip(linked).chain(moving).collect();
-        all.sort_by_key(|(at, _)| *at);
-        objects = all.into_iter().map(|(_, object)| object).collect();
+        objects = in_scene.into_iter().zip(linked).chain(moving).collect();
+        objects.sort_by_key(|(at, _)| *at);
         run.clock.lap("bounce");
     }
+    let objects = objects.into_iter().map(|(_, object)| object).collect();
     let mut baked = finish(scene, world, options, store, objects, run.stats)?;
     run.clock.lap("seal");
     baked.stats.seconds = run.clock.laps;

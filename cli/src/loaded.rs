@@ -40,7 +40,7 @@ impl Loaded {
         Ok(loaded)
     }
 
-    /// The same, and instead of every warning the worst of what `check` finds.
+    /// A scene opened as by [`Loaded::open`], that says the worst of what `check` finds instead of every warning.
     pub fn open_checked(path: &Path, output: Option<&Path>, knobs: &BakeKnobs, context: &Context) -> Result<Self, Failure> {
         let loaded = Self::open_quietly(path, output, knobs, context)?;
         loaded.tell_notes(context);

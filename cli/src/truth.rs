@@ -79,7 +79,8 @@ fn traced_bytes(asset: &Asset) -> u64 {
 }
 
 impl<'a> Truth<'a> {
-    /// Prepares references of `samples` paths a pixel, if the budget of the asset has room for geometry that rays can meet. `bounces`: [`usual_bounces`] unless it is said.
+    /// Prepares references of `samples` paths a pixel, if the budget of the asset has room for geometry that rays can meet.
+    /// `bounces`: [`usual_bounces`] unless it is said.
     pub fn new(asset: &'a Asset, environment: &'a Environment, samples: u32, bounces: Option<u32>) -> Result<Self, Failure> {
         Truth::moved(asset, environment, samples, bounces, &[])
     }

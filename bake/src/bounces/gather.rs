@@ -6,7 +6,8 @@
 //! ```
 //!
 //! `h` is the edge length, `error` the left side of Ward's rule, `reach` twice the spacing. Points that gather are means with their neighbours too:
-//! the noise of few rays shows less, light bends as little as between any two points that share a source. The order of choice is a hash of each point's place, so it does not hang on its index.
+//! the noise of few rays shows less, light bends as little as between any two points that share a source. The order of choice is a
+//! hash of each point's place, so it does not hang on its index.
 
 use super::targets::Source;
 use prelight_runtime::bounces::links::SOURCES;

@@ -2,6 +2,7 @@
 //!
 //! Refined triangles come in order of base triangle and tile it, so areas tell where one base triangle's end.
 
+use crate::mesh::origin::area_normal;
 use crate::mesh::weld::wide;
 use glam::DVec3;
 use prelight_runtime::asset::mesh::Mesh;
@@ -40,11 +41,6 @@ fn weights(corners: &[[f32; 3]; 3], at: DVec3) -> [f64; 3] {
     [u, v, 1.0 - u - v]
 }
 
-fn area(corners: &[[f32; 3]; 3]) -> f64 {
-    let [a, b, c] = corners.map(wide);
-    (b - a).cross(c - a).length()
-}
-
 impl Locator {
     /// For the base triangles `first_id..end_id` of the world, and the object's refined mesh.
     pub(super) fn new(world: &World, ids: std::ops::Range<u32>, mesh: &Mesh) -> Locator {
@@ -55,10 +51,10 @@ impl Locator {
             let base = &world.positions[id as usize];
             let first = corners.len();
             if has_area(base) {
-                let (whole, mut sum) = (area(base), 0.0);
+                let (whole, mut sum) = (area_normal(base).length(), 0.0);
                 while corners.len() < n {
                     let own = positions(corners.len());
-                    let next = sum + area(&own);
+                    let next = sum + area_normal(&own).length();
                     // As near to the whole as it gets: rounding moves a midpoint by far less than a triangle.
                     if corners.len() > first && (next - whole).abs() > (sum - whole).abs() {
                         break;

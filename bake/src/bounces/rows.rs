@@ -7,7 +7,7 @@
 use super::earlier::Earlier;
 use super::gather::{Chooser, Gathering};
 use super::options::BounceOptions;
-use super::targets::{Identity, Met, Source, Targets};
+use super::targets::{Identity, Met, Source, Targets, hash_of};
 use crate::trace::sequence::Sequence;
 use prelight_runtime::bounces::links::SOURCES;
 use prelight_runtime::sphere::frame::tangents;
@@ -89,10 +89,7 @@ pub(super) struct Rows {
 
 /// A hash of where a point's rays start.
 pub(super) fn place_of(source: &Source) -> u64 {
-    source.origin.iter().chain(&source.normal).fold(0xcbf2_9ce4_8422_2325, |hash, x| {
-        let mixed = (hash ^ u64::from((x + 0.0).to_bits())).wrapping_mul(0x0000_0100_0000_01b3);
-        mixed ^ mixed >> 29
-    })
+    hash_of(source.origin.iter().chain(&source.normal))
 }
 
 /// Direction of ray `k` of a point, and a number in 0..1 that draws the corner of its hit.

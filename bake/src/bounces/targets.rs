@@ -189,6 +189,14 @@ impl<'a> Targets<'a> {
     }
 }
 
+/// A hash of numbers in their order; zeros of both signs are one.
+pub(super) fn hash_of<'a>(floats: impl Iterator<Item = &'a f32>) -> u64 {
+    floats.fold(0xcbf2_9ce4_8422_2325, |hash, x| {
+        let mixed = (hash ^ u64::from((x + 0.0).to_bits())).wrapping_mul(0x0000_0100_0000_01b3);
+        mixed ^ mixed >> 29
+    })
+}
+
 /// Draws one by weight, and makes what is left of the random number another.
 fn draw(left: &[(u32, f32)], u: &mut f64) -> Option<usize> {
     let all: f64 = left.iter().map(|(_, weight)| f64::from(*weight)).sum();
@@ -248,11 +256,7 @@ impl ObjectPoints {
         let mut longest = 0.0f32;
         for corners in mesh.triangles {
             let positions = corners.map(|v| mesh.position[v as usize]);
-            let mut hash = 0xcbf2_9ce4_8422_2325u64;
-            for x in positions.as_flattened() {
-                hash = (hash ^ u64::from(x.to_bits())).wrapping_mul(0x0000_0100_0000_01b3);
-                hash ^= hash >> 29;
-            }
+            let hash = hash_of(positions.as_flattened().iter());
             for v in corners {
                 let (front, back) = (mesh.front(*v as usize), mesh.back(*v as usize));
                 // The point and its weight too, so that another choice of points for the same triangle is another name.

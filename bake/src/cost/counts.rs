@@ -58,7 +58,7 @@ impl Counts {
         Ok(Counts { keys, objects, stop: None })
     }
 
-    /// The same, that ends early once `stop` says so: figures are then of no use, are not kept, and whoever asked looks at `stop` as well.
+    /// Counts that end early once `stop` says so: figures are then of no use, are not kept, and whoever asked looks at `stop` as well.
     #[must_use]
     pub fn stopping(mut self, stop: fn() -> bool) -> Self {
         self.stop = Some(stop);

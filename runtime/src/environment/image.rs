@@ -51,7 +51,7 @@ impl Environment {
         Self { width, height, pixels, rotate_y_deg: 0.0, intensity: 1.0, held: Held::default() }
     }
 
-    /// The same image, whose pixels are charged as long as it lives.
+    /// This image, its pixels charged to a budget as long as it lives.
     pub(super) fn charged(mut self, charge: Charge) -> Self {
         self.held = Held(Some(Arc::new(charge)));
         self
